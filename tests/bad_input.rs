@@ -88,9 +88,10 @@ fn single_pairs_that_cannot_be_used() {
         let error = bench.fails(&["obstacles", left, right, "--rig", "drive/rig.toml"]);
         assert!(error.contains(expected), "{error}");
     }
-    let error = bench.fails(&["disparity", left, left, "-o", "no/such/folder/d.png"]);
+    let right = "drive/right/000000.png";
+    let error = bench.fails(&["disparity", left, right, "-o", "no/such/folder/d.png"]);
     assert!(error.contains("no/such/folder/d.png"), "{error}");
-    assert!(bench.fails(&["obstacles", left, left]).contains("--rig"));
+    assert!(bench.fails(&["obstacles", left, right]).contains("--rig"));
 }
 
 #[test]

@@ -163,7 +163,7 @@ fn swapped_and_identical_pictures_are_told() {
     let (found, log) = changes(&bench, &recording, &[]);
     let last = found.last().expect("changes");
     assert_eq!((&last["state"], &last["cause"]), (&"degraded".into(), &"swapped".into()), "{found:#?}");
-    assert!(frame(last) < 12 && log.contains("exchange the cameras, or the folders"), "{log}");
+    assert!(frame(last) < 12 && log.contains("exchange left and right: the cameras, folders"), "{log}");
     std::fs::remove_dir_all(folder.join("right")).expect("removed");
     std::fs::create_dir(folder.join("right")).expect("created");
     for file in std::fs::read_dir(folder.join("left")).expect("pictures").flatten() {
@@ -172,7 +172,7 @@ fn swapped_and_identical_pictures_are_told() {
     let (found, log) = changes(&bench, &recording, &[]);
     let last = found.last().expect("changes");
     assert_eq!((&last["state"], &last["cause"]), (&"degraded".into(), &"identical".into()), "{found:#?}");
-    assert!(frame(last) < 12 && log.contains("its own device or folder"), "{log}");
+    assert!(frame(last) < 12 && log.contains("its own device, folder or picture"), "{log}");
 }
 
 /// A recording of one real pair, `count` times, whose right picture has its rows moved down by `rows` in all, half pixels

@@ -123,7 +123,9 @@ fn one_pair_gives_disparity_and_obstacles() {
     });
     assert!(car.is_some_and(|c| c["class"] == "vehicle"), "{record}");
     assert!(image::open(bench.path("o.png")).is_ok());
-    assert!(bench.ok(&["obstacles", pair[0], pair[1], "--rig", "drive/rig.toml"]).contains("alarm: clear"));
+    assert!(
+        bench.ok(&["obstacles", pair[0], pair[1], "--rig", "drive/rig.toml"]).contains("\nalarm clear: ")
+    );
 }
 
 #[test]

@@ -100,6 +100,19 @@ const PATH_DRAWN: &str = r#"(() => {
     captions: [with_path.caption, assumed.caption] };
 })()"#;
 
+/// Number of labels that touch another in their row, among those of many obstacles far ahead, as they are drawn.
+const TOUCHING: &str = r#"(() => {
+  const made = Array.from({ length: 24 }, (_, i) => ({ ...page.frame.obstacles[0], track: 1000 + i, class: "vehicle",
+    confirmed: true, predicted: false, distance_m: 20 + 3.1 * i, distance_sigma_m: 1, time_to_collision_s: null,
+    x_px: 40 + 23 * i, y_px: 200 + 3 * (i % 4), width_px: 20, height_px: 16 }));
+  if (!page.frame.obstacles.length) return 0;
+  drawBoxes({ ...page.frame, obstacles: made });
+  const drawn = [...document.querySelectorAll('#boxes text')].map((text) => text.getBoundingClientRect());
+  drawBoxes(page.frame);
+  const touches = (a, b) => Math.abs(a.top - b.top) < 5 && a.left < b.right && b.left < a.right;
+  return drawn.filter((a, i) => drawn.some((b, j) => j > i && touches(a, b))).length;
+})()"#;
+
 /// How often a picture is the one of its number, the car ahead lies in a box with its distance, and the way is
 /// free as far as the car.
 fn compare(browser: &mut Browser, drive: &mut Drive) -> ([usize; 3], String) {
@@ -164,7 +177,7 @@ fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
     let daemon = bench.start(&["replay", "scene:drive?seed=1", "--lockstep", "--loop", "--limit", "1000000"]);
     let viewer = Viewer::start(&bench, &[]);
     browser.open(&viewer.link);
-    browser.look(1280, 900, false, "light");
+    browser.look(1400, 900, false, "light");
     browser.until("typeof page === 'object' && page.frames >= 3");
     let ([same, boxed, free], told) = compare(&mut browser, &mut Drive::paper(1).at_rate(FPS));
     println!("{told}");
@@ -267,7 +280,7 @@ fn heat_and_clocks_are_drawn_over_time() {
     let daemon = bench.start(&["run"]);
     let viewer = Viewer::start(&bench, &[]);
     browser.open(&viewer.link);
-    browser.look(1280, 900, false, "light");
+    browser.look(1400, 900, false, "light");
     let caption = |name: &str, part: &str| {
         format!(
             "typeof page === 'object' && document.getElementById('k-{name}').textContent.includes('{part}')"
@@ -309,9 +322,9 @@ fn the_page_fits_a_desk_a_phone_and_the_night() {
     let keep = std::env::var_os("LOOKOUT_PICTURES").map(std::path::PathBuf::from);
     let mut brightness = Vec::new();
     let looks = [
-        ("light", 1280, 1000, false, "light"),
-        ("dark", 1280, 1000, false, "dark"),
-        ("phone", 390, 844, true, "dark"),
+        ("light", 1400, 1000, false, "light"),
+        ("dark", 1400, 1000, false, "dark"),
+        ("phone", 400, 844, true, "dark"),
     ];
     for (name, width, height, is_phone, scheme) in looks {
         browser.look(width, height, is_phone, scheme);
@@ -325,6 +338,10 @@ fn the_page_fits_a_desk_a_phone_and_the_night() {
         // No wider than the window, with the left image in sight.
         let overflow = "document.documentElement.scrollWidth - innerWidth";
         assert!(browser.value(overflow).as_i64().unwrap() <= 0, "{name} is wider than its window");
+        // Nor is a table wider than its panel, and no label touches another.
+        let tables = "Math.max(...[...document.querySelectorAll('.scroll')].map((s) => s.scrollWidth - s.clientWidth))";
+        assert!(browser.value(tables).as_i64() <= Some(0), "{name}: a table is wider than its panel");
+        assert_eq!(browser.value(TOUCHING), 0, "{name}: labels touch");
         let bottom = browser.value("document.getElementById('left').getBoundingClientRect().bottom");
         assert!(bottom.as_f64().unwrap() < f64::from(height), "{name}: the left image is below the window");
         let picture = browser.screenshot();

@@ -1,6 +1,7 @@
 //! Parses and checks a configuration. All errors are reported at once, each with its line, key and remedy.
 
 mod detectors;
+mod layers;
 
 use crate::automatic::AUTO;
 use crate::keys::{self, Key, Kind};
@@ -8,6 +9,7 @@ use crate::limits::{MAX_BYTES, MAX_ERRORS, MAX_PATH_BYTES, MAX_SUGGESTED_CHARS};
 use crate::paths;
 use crate::profile::{PROFILES, profile_names};
 use crate::tables::Config;
+use layers::layered;
 use perception::excerpt::{REASON_CHARS, VALUE_CHARS, excerpt};
 use std::fmt;
 use std::fs::File;
@@ -78,6 +80,9 @@ pub fn load(name: Option<&Path>) -> Result<Config, ConfigErrors> {
             Ok(config)
         }
         Ok((_, size)) => Err(alone(too_large(size))),
+        Err(error) if error.kind() == std::io::ErrorKind::InvalidData => {
+            Err(alone("not a text: give a TOML file, such as lookout init writes".into()))
+        }
         Err(error) => {
             let names: Vec<&str> = profile_names().collect();
             Err(alone(format!("{error}; give a file, or one of the profiles {}", names.join(", "))))
@@ -118,7 +123,10 @@ pub fn parse(text: &str, file: &Path) -> Result<Config, ConfigErrors> {
     let table = match DeTable::parse(text) {
         Ok(table) => table,
         Err(error) => {
-            let reason = excerpt(error.message(), REASON_CHARS).into_owned();
+            let mut reason = excerpt(error.message(), REASON_CHARS).into_owned();
+            if reason == "duplicate key" {
+                reason += ": keep one of them";
+            }
             checker.add(error.span().map(|s| s.start), reason);
             return Err(checker.finish());
         }
@@ -137,23 +145,6 @@ pub fn parse(text: &str, file: &Path) -> Result<Config, ConfigErrors> {
     };
     checker.relations(&config, table.get_ref());
     if checker.errors.is_empty() { Ok(config) } else { Err(checker.finish()) }
-}
-
-/// The defaults, overwritten by one text after the other.
-fn layered(texts: &[&str]) -> Result<Config, String> {
-    let mut merged = toml::Table::try_from(Config::default()).map_err(|error| error.to_string())?;
-    for text in texts {
-        let layer: toml::Table = toml::from_str(text).map_err(|error| error.message().to_owned())?;
-        for (name, value) in layer {
-            // `profile = "…"` is the only value outside of a table.
-            let toml::Value::Table(keys) = value else { continue };
-            let table = merged.entry(name).or_insert_with(|| toml::Table::new().into());
-            if let Some(table) = table.as_table_mut() {
-                table.extend(keys);
-            }
-        }
-    }
-    merged.try_into().map_err(|error: toml::de::Error| error.message().to_owned())
 }
 
 /// Keys that no longer exist: table, key and what to do instead.
@@ -272,7 +263,11 @@ impl Checker<'_> {
             Kind::Automatic => value.get_ref().as_bool().is_some() || value.get_ref().as_str() == Some(AUTO),
             Kind::Whole(low, high) => whole().is_some_and(|v| (low..=high).contains(&v)),
             Kind::Number(low, high) => number().is_some_and(|v| (low..=high).contains(&v)),
-            Kind::Choice(words) => value.get_ref().as_str().is_some_and(|v| words.contains(&v)),
+            Kind::Choice(words) => match whole() {
+                // A number without quotes means the same.
+                Some(number) => words.contains(&&number.to_string()[..]),
+                None => value.get_ref().as_str().is_some_and(|v| words.contains(&v)),
+            },
             Kind::Name(most) => value.get_ref().as_str().is_some_and(|v| {
                 (1..=most).contains(&v.len())
                     && v.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-' || b == b'_')
@@ -379,6 +374,19 @@ impl Checker<'_> {
         if c.board.power_off == "command" && c.board.power_off_command.as_os_str().is_empty() {
             let text = "board.power_off = \"command\": name the program with board.power_off_command";
             self.add(place("board.power_off"), text.into());
+        }
+        let cameras = &c.camera;
+        if c.source.kind == "camera"
+            && !cameras.side_by_side
+            && cameras.backend == "v4l2"
+            && cameras.left == cameras.right
+        {
+            let text = format!(
+                "camera.left and camera.right are both {:?}: name the device of each camera, or set camera.side_by_side if \
+                 one device delivers both images",
+                cameras.left
+            );
+            self.add(place("camera.right").or_else(|| place("camera.left")), text);
         }
         self.detector_sizes(c, place("recognition.detectors"));
         if c.source.fps > 0.0 && c.source.fps < 0.01 {

@@ -55,7 +55,7 @@ fn line(out: &mut String, key: &keys::Key) {
     let keys::Key { name, kind, unit, text, default, .. } = key;
     let reload = key.on_reload();
     let default = match kind {
-        keys::Kind::Detectors(_) => "one, for people: see below".to_owned(),
+        keys::Kind::Detectors(_) => "`[]`, none: see below".to_owned(),
         _ => format!("`{default}`"),
     };
     let _ = writeln!(out, "| `{name}` | {default} | {kind} | {unit} | {reload} | {text} |");

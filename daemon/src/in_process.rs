@@ -2,6 +2,7 @@
 //! to process a recording.
 
 use crate::frame_record::frame_record;
+use crate::input::first_pairs::FirstPairs;
 use crate::input::{self, InputError};
 use crate::launch::FrameFormat;
 use crate::stages;
@@ -74,6 +75,7 @@ pub struct Pipeline {
     source: Box<dyn PairSource>,
     format: FrameFormat,
     source_period_ns: u64,
+    first_pairs: FirstPairs,
     stages: Vec<Box<dyn FrameStage>>,
     /// One for each service that carries frames.
     slots: Vec<Slot>,
@@ -127,7 +129,8 @@ impl Pipeline {
             bytes: 0,
         };
         let slots = SERVICES.iter().filter(|s| s.carries_frame).map(|s| slot(s.kind)).collect();
-        Ok(Self { source_period_ns: source.period_ns(), stages, slots, source, format })
+        let first_pairs = FirstPairs::new(source.size(), source.count(), config.calibration.check);
+        Ok(Self { source_period_ns: source.period_ns(), first_pairs, stages, slots, source, format })
     }
 
     /// What was wrong with the source time so far.
@@ -229,6 +232,7 @@ impl Pipeline {
         let slot = &mut self.slots[pair];
         let (left, right) = pair::split_mut(slot.buffer.get_mut());
         self.source.read(index, left, right)?;
+        self.first_pairs.look(left, right);
         header.vehicle = record(&self.source.vehicle(index));
         (slot.header, slot.bytes) = (header, slot.buffer.bytes);
         for stage in &mut self.stages {

@@ -171,8 +171,8 @@ impl CalibrationRecord {
     /// What to do about it; empty if nothing is.
     pub fn remedy(&self) -> &'static str {
         match self.cause() {
-            CalibrationCause::Swapped => "exchange the cameras, or the folders",
-            CalibrationCause::Identical => "give each camera its own device or folder",
+            CalibrationCause::Swapped => "exchange left and right: the cameras, folders or pictures",
+            CalibrationCause::Identical => "give each camera its own device, folder or picture",
             CalibrationCause::Apart => "check that the rig belongs to these cameras, or calibrate again",
             CalibrationCause::Rows | CalibrationCause::Limit => "calibrate again",
             CalibrationCause::None if self.has_moved() => "calibrate again soon",

@@ -37,6 +37,8 @@ impl std::fmt::Display for ForeignFolder {
 /// Other daemons than the one that was asked for.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Neighbours {
+    /// The name that was asked for.
+    pub asked: String,
     /// Names of those in the same base folder.
     pub names: Vec<String>,
     /// Folders of other users.
@@ -66,7 +68,7 @@ impl Neighbours {
         let mut foreign: Vec<_> = foreign.collect();
         foreign.sort_by(|a, b| a.path.cmp(&b.path));
         names.sort();
-        Self { names, foreign }
+        Self { asked: instance.name().to_owned(), names, foreign }
     }
 }
 
@@ -78,9 +80,10 @@ impl std::fmt::Display for Neighbours {
         }
         for folder in &self.foreign {
             write!(f, "; {folder}: see it with sudo -u {} lookout status", user::for_sudo(folder.owner))?;
-            match &folder.names[..] {
-                [name, ..] if name != DEFAULT_NAME => write!(f, " --instance {name}")?,
-                _ => {}
+            let is_asked = folder.names.is_empty() || folder.names.contains(&self.asked);
+            let name = if is_asked { &self.asked } else { &folder.names[0] };
+            if !name.is_empty() && name != DEFAULT_NAME {
+                write!(f, " --instance {name}")?;
             }
         }
         Ok(())
@@ -155,10 +158,18 @@ mod tests {
             owner: 4_000_000_001,
             names: names.iter().map(|&name| name.to_owned()).collect(),
         };
-        let text = |foreign: ForeignFolder| Neighbours { names: vec![], foreign: vec![foreign] }.to_string();
+        let asked = |asked: &str, foreign: ForeignFolder| {
+            Neighbours { asked: asked.to_owned(), names: vec![], foreign: vec![foreign] }.to_string()
+        };
+        let text = |foreign: ForeignFolder| asked(DEFAULT_NAME, foreign);
         let hidden = "; user 4000000001 runs daemons in /run/lookout: see it with sudo -u '#4000000001' lookout status";
         assert_eq!(text(folder(&[])), hidden);
         assert!(text(folder(&["lookout"])).ends_with(" lookout status"));
         assert!(text(folder(&["rear"])).ends_with(" lookout status --instance rear"));
+        // The one that was asked for, where it may be there.
+        let ending = " lookout status --instance front";
+        assert!(asked("front", folder(&[])).ends_with(ending));
+        assert!(asked("front", folder(&["front", "rear"])).ends_with(ending));
+        assert!(asked("front", folder(&["rear"])).ends_with(" --instance rear"));
     }
 }

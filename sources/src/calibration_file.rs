@@ -1,23 +1,23 @@
 //! Reads the rig of a rectified source: KITTI `calib.txt` or rig TOML.
 
+pub use crate::calibration_text::KITTI_RAW;
 pub use crate::rig_file::calibration::Calibration;
 
-use crate::bounded_file::read_text;
-use crate::limits::CALIBRATION;
-use crate::{SourceError, rig_file, toml_text};
+use crate::{SourceError, calibration_text, pairs, picture, rig_file, toml_text};
 use perception::calibration::Crop;
 use perception::excerpt::{VALUE_CHARS, excerpt};
 use perception::rig::Rig;
 use serde::Deserialize;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-/// Calibration of a day of KITTI's raw drives.
-pub const KITTI_RAW: &str = "calib_cam_to_cam.txt";
+/// What a rig TOML has to hold.
+const PLAIN_RIG: &str =
+    "give focal_px, baseline_m, cx_px and cy_px, or a rig file of lookout calibrate or lookout rig";
 
 /// Calibration of a camera of EuRoC.
 pub const SENSOR: &str = "sensor.yaml";
 
-/// A rig TOML of an already rectified pair: the fields of [`Rig`].
+/// A rig TOML of an already rectified pair: the fields of [`Rig`], and the size of the pictures if it is to be checked.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RigFile {
@@ -25,6 +25,25 @@ struct RigFile {
     baseline_m: f64,
     cx_px: f64,
     cy_px: f64,
+    /// Size of the pictures, if the file says it.
+    width: Option<usize>,
+    height: Option<usize>,
+}
+
+impl RigFile {
+    /// Checks pictures of a size against the size in the file.
+    fn check_size(&self, size: Option<(usize, usize)>) -> Result<(), String> {
+        match (self.width, self.height, size) {
+            (Some(w), Some(h), Some((width, height))) if (w, h) != (width, height) => Err(format!(
+                "for pictures of {w}x{h} pixels (width, height), the source has {width}x{height}: calibrate at that size, or \
+                 name the rig of these pictures"
+            )),
+            (Some(_), None, _) | (None, Some(_), _) => {
+                Err("width or height is missing: give both, or neither".into())
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 /// Reads the rig of a calibration, see [`open`].
@@ -53,7 +72,7 @@ pub fn open(path: &Path, colour: bool) -> Result<Calibration, SourceError> {
 }
 
 /// Reads a calibration for pictures of a size, of which some formats depend, from a TOML file (a rig file, or `focal_px`,
-/// `baseline_m`, `cx_px`, `cy_px`), a YAML file of OpenCV, Kalibr or EuRoC, KITTI's `calib_cam_to_cam.txt`, or, for any
+/// `baseline_m`, `cx_px`, `cy_px`, and `width` and `height` if they are to be checked), a YAML file of OpenCV, Kalibr or EuRoC, KITTI's `calib_cam_to_cam.txt`, or, for any
 /// other extension, from a KITTI calibration: `P0:` and `P1:`, or `P2:` and `P3:`, 12 numbers each. Lines
 /// without names are numbered: line n is Pn. With `colour`, P2 and P3 (KITTI's colour cameras) take
 /// precedence where both pairs are present.
@@ -70,8 +89,7 @@ fn open_sized(path: &Path, colour: bool, size: Option<(usize, usize)>) -> Result
         return Ok(Calibration::Cameras(Box::new(file)));
     }
     let fail = |reason: String| SourceError::Calibration { path: path.to_owned(), reason };
-    let text =
-        read_text(path, &CALIBRATION).map_err(|source| SourceError::Io { path: path.to_owned(), source })?;
+    let text = calibration_text::read(path)?;
     if path.ends_with(KITTI_RAW) {
         return rig_file::data_sets::kitti_raw(&text, colour, size).map_err(fail);
     }
@@ -81,12 +99,21 @@ fn open_sized(path: &Path, colour: bool, size: Option<(usize, usize)>) -> Result
             let file = rig_file::RigFile::from_toml(&text).map_err(fail)?;
             return Ok(Calibration::Cameras(Box::new(file)));
         }
-        let file: RigFile = toml_text::parse(&text).map_err(|e| fail(e.to_string()))?;
+        let file: RigFile = toml_text::parse(&text).map_err(|e| fail(format!("{e}: {PLAIN_RIG}")))?;
+        file.check_size(size).map_err(fail)?;
         Rig { focal_px: file.focal_px, baseline_m: file.baseline_m, cx_px: file.cx_px, cy_px: file.cy_px }
     } else {
         kitti(&text, colour).map_err(fail)?
     };
     rig.checked().map(Calibration::Rectified).map_err(|e| fail(e.to_string()))
+}
+
+/// Size of the pictures beside a calibration, with one of them, where there are some.
+pub fn pictures_beside(path: &Path) -> Option<(PathBuf, (usize, usize))> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let (left, _) = pairs::find(folder).ok()?.pairs.into_iter().next()?;
+    let size = picture::header(&left).ok()?.size;
+    Some((left, size))
 }
 
 fn kitti(text: &str, colour: bool) -> Result<Rig, String> {
@@ -108,7 +135,11 @@ fn kitti(text: &str, colour: bool) -> Result<Rig, String> {
                 })
                 .collect::<Result<Vec<f64>, _>>()?;
             if numbers.len() != 12 {
-                return Err(format!("line {}: {name} has {} numbers, not 12", i + 1, numbers.len()));
+                return Err(format!(
+                    "line {}: {name} has {} numbers, not 12: give the whole matrix",
+                    i + 1,
+                    numbers.len()
+                ));
             }
             return Ok(Some(numbers));
         }
@@ -170,6 +201,19 @@ mod tests {
             let error = read_text("rig.toml", &text.replace(from, to)).unwrap_err();
             assert!(error.contains(expected) && error.contains("rig.toml"), "{error}");
         }
+    }
+
+    #[test]
+    fn a_size_in_a_plain_rig_is_checked() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("rig.toml");
+        let plain = "focal_px = 879.0\nbaseline_m = 0.12\ncx_px = 320.0\ncy_px = 240.0\n";
+        std::fs::write(&path, format!("{plain}width = 640\nheight = 480\n")).unwrap();
+        assert!(read_for(&path, true, (640, 480)).is_ok() && read(&path, true).is_ok());
+        let error = read_for(&path, true, (320, 240)).unwrap_err().to_string();
+        assert!(error.contains("640x480") && error.contains("320x240"), "{error}");
+        std::fs::write(&path, format!("{plain}width = 640\n")).unwrap();
+        assert!(read(&path, true).unwrap_err().to_string().contains("give both"));
     }
 
     #[test]

@@ -8,7 +8,7 @@ use crate::calibration_file::{self, Calibration};
 use crate::motion_file::{TIMESTAMPS, read_timestamps};
 use crate::pairs::{self, Pair, Pairs};
 use crate::picture::{self, Decoded, Header, Interpretation};
-use crate::{Geometry, PairSource, SourceError};
+use crate::{Geometry, PairSource, SourceError, check_two_files};
 use perception::rig::Rig;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -145,6 +145,9 @@ impl FolderSource {
             Some((left, right)) => pairs::by_patterns(left, right)?,
             None => pairs::find(path)?,
         };
+        if let Some((left, right)) = pairs.first() {
+            check_two_files(left, right)?;
+        }
         let headers = Headers::read(&pairs, options.is_strict)?;
         let mut source = Self {
             first: headers.first,
@@ -226,10 +229,8 @@ impl FolderSource {
         }
         self.interpretation.bits = bits;
         if let Some(bits) = bits {
-            let left = self.pairs[self.first].0.display();
-            self.notes.push(format!(
-                "{left}: 16-bit pictures are scaled from {bits} bits to 8; source.bits sets another depth"
-            ));
+            let left = &self.pairs[self.first].0;
+            self.notes.push(picture::scaled_note(left, bits));
         }
         Ok(())
     }

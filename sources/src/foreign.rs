@@ -13,8 +13,8 @@ const VIDEOS: [&str; 12] =
 const MAGIC_BYTES: usize = 16;
 
 /// The remedy for videos without ffmpeg. Its parts in braces are the path.
-const VIDEO: &str = "a video: give lookout replay the video itself, or two with --left and --right; ffmpeg has to be on the \
-                     PATH (apt install ffmpeg). Or write pictures, from one video with both images side by side: ffmpeg -i {} -vf crop=iw/2:ih:0:0 left/%06d.png -vf crop=iw/2:ih:iw/2:0 right/%06d.png, \
+const VIDEO: &str = "a video, which lookout replay decodes with ffmpeg, and that is not on the PATH: install it (apt install \
+                     ffmpeg). Or write pictures, from one video with both images side by side: ffmpeg -i {} -vf crop=iw/2:ih:0:0 left/%06d.png -vf crop=iw/2:ih:iw/2:0 right/%06d.png, \
                      from two: ffmpeg -i LEFT -i RIGHT -map 0 left/%06d.png -map 1 right/%06d.png, into folders left and right \
                      that exist; then lookout replay the folder that holds both, with --fps";
 
@@ -47,7 +47,8 @@ pub fn explain(path: &Path) -> Option<String> {
         "a ROS 2 bag in SQLite: convert it with `mcap convert {} drive.mcap` (the mcap tool), or record with \
          `ros2 bag record -s mcap`, and give the .mcap file"
     } else if VIDEOS.contains(&&ending[..]) {
-        VIDEO
+        "a video: give lookout replay the video itself, {}, if it has both images side by side, or one video of each camera \
+         with --left and --right"
     } else if picture::ENDINGS.contains(&&ending[..]) {
         "a single picture: give the folder with the left and the right pictures, or, for one pair, use \
          `lookout obstacles LEFT RIGHT` or `lookout disparity LEFT RIGHT`"
@@ -72,7 +73,7 @@ mod tests {
             ("drive.bag", "", ["ROS 1 bag", "mcap convert"]),
             ("renamed", "#ROSBAG V2.0\n", ["ROS 1 bag", "renamed drive.mcap"]),
             ("drive.db3", "SQLite format 3\0", ["ROS 2 bag in SQLite", "mcap convert"]),
-            ("drive.MP4", "", ["a video", "ffmpeg -i "]),
+            ("drive.MP4", "", ["a video", "--left and --right"]),
             ("left.tiff", "", ["a single picture", "lookout disparity"]),
             ("road.toml", "", ["a TOML file", "scene:"]),
             ("drive.tar.gz", "", ["an archive", "unpack"]),

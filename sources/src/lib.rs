@@ -34,6 +34,7 @@
 pub mod bayer;
 pub mod bounded_file;
 pub mod calibration_file;
+mod calibration_text;
 pub mod camera;
 pub mod chessboard;
 pub mod folder;
@@ -55,4 +56,4 @@ pub mod truth;
 pub mod vehicle;
 pub mod video;
 
-pub use source::{Geometry, LiveSource, PairSource, Readiness, SourceError};
+pub use source::{Geometry, LiveSource, PairSource, Readiness, SourceError, check_two_files};

@@ -291,6 +291,15 @@ fn other_recording(here: &[PathBuf]) -> Option<String> {
     {
         return Some(format!(": it holds {}: give that file, {}", name(file), file.display()));
     }
+    let video = |wanted: char| {
+        here.iter().find(|path| foreign::is_video(path) && side(&stem(path)).0 == wanted && path.is_file())
+    };
+    if let (Some(left), Some(right)) = (video('l'), video('r')) {
+        let (left, right) = (left.display(), right.display());
+        return Some(format!(
+            ": it holds a video of each camera: give them with --left {left} --right {right} (source.left, source.right)"
+        ));
+    }
     // Pictures and settings may lie in any folder.
     let is_usual = |path: &PathBuf| is_picture(path) || path.extension().is_some_and(|e| e == "toml");
     for file in here.iter().filter(|path| path.is_file() && !is_usual(path)) {
@@ -378,7 +387,7 @@ mod tests {
         let found = by("a/L*.png", "b/*.png");
         assert!(found.as_ref().unwrap().is_by_order);
         assert_eq!(names(&folder, found), ["a/L01.png b/x.png", "a/L02.png b/y.png"]);
-        assert_eq!(by("a", "a").unwrap().pairs.len(), 4);
+        assert_eq!(by("a", "a").unwrap().pairs.len(), 4, "what opens them refuses one file twice");
         for (left, right, expected) in [
             ("a/*.png", "b/x.png", ["no left picture has a partner", "--left"]),
             ("a/X*.png", "b/*.png", ["matches no picture", "quotes"]),
@@ -400,7 +409,8 @@ mod tests {
             (["one.png", "two.png"], ["such as one.png", "without left or right"]),
             (["left_1.png", "left_2.png"], ["2 pictures of the left camera", "none of the right"]),
             (["notes.txt", "more.txt"], ["2 files", "such as more.txt"]),
-            (["drive.mp4", "notes.txt"], ["a video", "ffmpeg"]),
+            (["drive.mp4", "notes.txt"], ["drive.mp4, a video", "both images side by side"]),
+            (["left.mp4", "right.mp4"], ["a video of each camera: give them with --left ", "right.mp4"]),
         ] {
             let error = find(folder(&files).path()).unwrap_err().to_string();
             assert!(expected.iter().all(|part| error.contains(part)), "{error}");

@@ -117,6 +117,14 @@ impl Decoded {
     }
 }
 
+/// What the user should know of 16-bit pictures whose depth was found.
+pub fn scaled_note(path: &Path, bits: u8) -> String {
+    format!(
+        "{}: 16-bit pictures are scaled from {bits} bits to 8; source.bits sets another depth",
+        path.display()
+    )
+}
+
 /// Whether an image has more than 8 integer bits a channel.
 fn is_deep(colour: ColorType) -> bool {
     matches!(colour, ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16)

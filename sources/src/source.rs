@@ -120,8 +120,8 @@ pub const LAYOUTS: [(&str, &str); 11] = [
 /// What to do with a folder in none of the [`LAYOUTS`].
 const LAYOUT_REMEDY: &str = ": give a folder with the left and the right pictures in two folders with the same names (left \
                              and right, image_0 and image_1, image_2 and image_3, cam0 and cam1, a drive of KITTI's raw \
-                             data, mav0 of EuRoC), or in one, named left_1.png and right_1.png; or name them with --left \
-                             and --right";
+                             data, mav0 of EuRoC), or in one, named left_1.png and right_1.png; lookout replay \
+                             also takes any names, with --left and --right";
 
 /// Errors of sources. Every text names the file or folder and the remedy.
 #[derive(Debug, Error)]
@@ -177,7 +177,7 @@ pub enum SourceError {
     /// Pictures of two cameras whose names have nothing in common.
     #[error(
         "no left picture has a partner: {lefts} in {} such as {}, {rights} in {} such as {}: give both the same names, but for \
-         the words left and right, or name them with patterns whose stars stand for the same text: --left, --right",
+         the words left and right, or name them with patterns whose stars stand for the same text (lookout replay --left, --right)",
         left.parent().unwrap_or(left).display(), left.file_name().unwrap_or_default().display(),
         right.parent().unwrap_or(right).display(), right.file_name().unwrap_or_default().display()
     )]
@@ -191,6 +191,18 @@ pub enum SourceError {
         /// Number of right pictures.
         rights: usize,
     },
+    /// One file for both cameras.
+    #[error(
+        "{}: left and right{} are the same file: give the pictures of each camera",
+        left.display(),
+        if left == right { String::new() } else { format!(" ({})", right.display()) }
+    )]
+    SameFile {
+        /// What is given for the left camera.
+        left: PathBuf,
+        /// What is given for the right one.
+        right: PathBuf,
+    },
     /// One image of a pair is missing.
     #[error("{}: missing, but {} is there: add it, or remove the other", path.display(), other.display())]
     Unpaired {
@@ -201,7 +213,8 @@ pub enum SourceError {
     },
     /// An image differs in size from the first.
     #[error(
-        "{}: {}x{} pixels, but {} has {}x{}: all images of a source need one size",
+        "{}: {}x{} pixels, but {} has {}x{}: all images of a source need one size: remove or replace those of another size, or \
+         replay them alone",
         path.display(), size.0, size.1, first.display(), expected.0, expected.1
     )]
     Size {
@@ -264,6 +277,22 @@ pub enum SourceError {
         /// Number of pairs.
         count: u64,
     },
+}
+
+/// Checks that two paths are not the same file, by whatever names.
+///
+/// # Errors
+/// If they are.
+pub fn check_two_files(left: &Path, right: &Path) -> Result<(), SourceError> {
+    let is_same = match (left.canonicalize(), right.canonicalize()) {
+        (Ok(a), Ok(b)) => a == b,
+        _ => left == right,
+    };
+    if is_same {
+        Err(SourceError::SameFile { left: left.to_owned(), right: right.to_owned() })
+    } else {
+        Ok(())
+    }
 }
 
 impl SourceError {

@@ -9,7 +9,7 @@ const HEAD: &str = "# Records of the clients
 
 <!-- Generated from the Rust declarations by: cargo run -p lookout-client-c --example generate -->
 
-What a client in Rust, C or Python reads from shared memory; [clients.md](clients.md) says how. All numbers are in the byte
+This page lists what a client in Rust, C or Python reads from shared memory; [clients.md](clients.md) says how. All numbers are in the byte
 order of the machine, and there is no padding. Every number is checked against its range before a client gets it; `infinite` is positive infinity, and there are no NaN. Camera axes: x to the right, y down, z forward.
 Speeds are positive forwards, yaw and curvature to the left, lateral positions to the right
 ([outputs.md](outputs.md#coordinate-frames)).

@@ -12,7 +12,7 @@ table! {
     /// `lookout record` or of ROS 2, `camera` the cameras of `[camera]`.
     kind: Choice(&["scene", "folder", "recording", "camera"]) = "scene";
 
-    /// Folder or MCAP file of recorded pairs, or a scene (`street?weather=night`, or a TOML file; empty is the
+    /// Folder, MCAP file or video of recorded pairs, or a scene (`street?weather=night`, or a TOML file; empty is the
     /// built-in drive). `lookout replay PATH` sets it.
     path: Path = "";
 
@@ -23,8 +23,8 @@ table! {
     /// Pattern of the right pictures.
     right: Path = "";
 
-    /// Bits that 16-bit pictures use. `auto` takes the fewest of 8, 10, 12, 14 and 16 that hold the values of some
-    /// pictures, and says which.
+    /// Bits that 16-bit pictures use, with or without quotes. `auto` takes the fewest of 8, 10, 12, 14 and 16 that hold
+    /// the values of some pictures, and says which.
     bits: Choice(&["auto", "8", "10", "12", "14", "16"]) = "auto";
 
     /// Colour filter of pictures that hold the raw pixels of a sensor: the colours of the first two pixels of the first and
@@ -44,7 +44,8 @@ table! {
     /// Starts a recording again when it ends.
     repeat: Switch = false;
 
-    /// Calibration: a rig TOML file or a KITTI calib.txt. If empty, the calibration beside the recording is used.
+    /// Calibration: a rig file (TOML), a KITTI calib.txt, or YAML of OpenCV, Kalibr or EuRoC. If empty, the calibration
+    /// beside the recording is used.
     rig: Path = "";
 
     /// Rectifies each pair with the camera models of `source.rig` or of `rig.toml` beside the recording, a file of

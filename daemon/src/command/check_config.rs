@@ -2,13 +2,13 @@
 
 use crate::command::console::say;
 use crate::command::error::CommandError;
+use crate::input::InputError;
 use crate::stages::recognition::detectors::detectors;
+use crate::stages::whole_number::whole;
 use crate::{can_out, input};
 use clap::Args;
 use config::Config;
-use sources::folder::FolderSource;
-use sources::scene::Scene;
-use sources::video::{VideoFiles, VideoSource};
+use sources::{PairSource, calibration_file};
 use std::path::PathBuf;
 
 /// Text below the options of `--help`.
@@ -32,6 +32,8 @@ pub fn run(args: &CheckConfig) -> Result<(), CommandError> {
         return say(config::reference().trim_end());
     }
     let config = config::load(args.file.as_deref())?;
+    // What is doubtful of files that can be used.
+    crate::logging::start("check-config", "warn");
     // Files that the configuration names have to exist and be valid, too: all that are not are told at once.
     let wrong: Vec<String> = wrong_files(&config)
         .into_iter()
@@ -45,16 +47,16 @@ pub fn run(args: &CheckConfig) -> Result<(), CommandError> {
         // No error: the file may be for another machine.
         eprintln!("lookout: note: {place}{key}: there is no {} on this machine now", path.display());
     }
+    if config.source.kind == "camera" && config.source.rig.as_os_str().is_empty() {
+        eprintln!("lookout: note: {}", InputError::NoRigOfCameras);
+    }
     let text = toml::to_string(&config).map_err(|e| CommandError::Other(e.to_string()))?;
     say(format_args!("# The effective configuration. No errors.\n{text}"))
 }
 
 /// The key and the error of each file that is missing or not valid.
 fn wrong_files(config: &Config) -> Vec<(&'static str, String)> {
-    let mut wrong = Vec::new();
-    if let Err(error) = detectors(config, 8, 8) {
-        wrong.push((error.key(), error.to_string()));
-    }
+    let mut wrong = wrong_detectors(config);
     if let Err(error) = input::vehicle::decoder(config) {
         let text = error.to_string();
         let key = match text.split([':', ' ']).next() {
@@ -66,11 +68,18 @@ fn wrong_files(config: &Config) -> Vec<(&'static str, String)> {
     if let Err(error) = can_out::identifiers(config) {
         wrong.push(("can_out.base_id", error.to_string()));
     }
-    let source = &config.source;
-    if !source.rig.as_os_str().is_empty()
-        && let Err(error) = sources::calibration_file::read(&source.rig, true)
-    {
-        wrong.push(("source.rig", format!("source.rig: {error}")));
+    for (key, path, what) in [
+        ("bridge.tls_ca", &config.bridge.tls_ca, "the certificates of the authority"),
+        ("bridge.tls_certificate", &config.bridge.tls_certificate, "the certificate of this vehicle"),
+        ("bridge.tls_key", &config.bridge.tls_key, "the key of its certificate"),
+    ] {
+        if !path.as_os_str().is_empty() && !path.is_file() {
+            let path = path.display();
+            wrong.push((
+                key,
+                format!("{key}: {path}: there is no such file: give {what} (PEM), or \"\" for none"),
+            ));
+        }
     }
     if let Some(path) = input::vehicle::named_motion(config).filter(|path| !path.exists()) {
         let path = path.display();
@@ -79,44 +88,97 @@ fn wrong_files(config: &Config) -> Vec<(&'static str, String)> {
         );
         wrong.push(("vehicle.motion", text));
     }
-    wrong.extend(wrong_source(config));
+    wrong.extend(wrong_source_and_rig(config));
     wrong
 }
 
-/// The same for the source.
-fn wrong_source(config: &Config) -> Vec<(&'static str, String)> {
+/// The same for the detectors, each alone.
+fn wrong_detectors(config: &Config) -> Vec<(&'static str, String)> {
+    let mut alone = config.clone();
+    let others = std::mem::take(&mut alone.recognition.detectors);
+    let mut wrong = Vec::new();
+    let mut check = |config: &Config| {
+        if let Err(error) = detectors(config, 8, 8) {
+            wrong.push((error.key(), error.to_string()));
+        }
+    };
+    check(&alone);
+    alone.recognition.cascade = PathBuf::new();
+    for detector in others {
+        alone.recognition.detectors = vec![detector];
+        check(&alone);
+    }
+    wrong
+}
+
+/// The same for the source and its rig, and whether they fit.
+fn wrong_source_and_rig(config: &Config) -> Vec<(&'static str, String)> {
+    let (source, camera) = (&config.source, &config.camera);
+    if source.kind == "camera" {
+        // The cameras themselves may be those of another machine.
+        let one = input::check_two_cameras(config).err().map(|error| ("camera.right", error.to_string()));
+        let size = (whole(camera.width), whole(camera.height));
+        let rig = (!source.rig.as_os_str().is_empty())
+            .then(|| calibration_file::open_for(&source.rig, true, size))
+            .and_then(|rig| match rig {
+                Ok(rig) => rig.rig_for(size).err().map(|error| format!("{}: {error}", source.rig.display())),
+                Err(error) => Some(error.to_string()),
+            });
+        let rig = rig.map(|error| ("source.rig", format!("source.rig: {error}")));
+        return one.into_iter().chain(rig).collect();
+    }
+    let mut wrong = Vec::new();
+    if !source.rig.as_os_str().is_empty()
+        && let Err(error) = calibration_file::read(&source.rig, true)
+    {
+        wrong.push(("source.rig", format!("source.rig: {error}")));
+    }
+    let opened = open(config);
+    match opened {
+        Err(error) => wrong.push(error),
+        Ok(_) if !wrong.is_empty() => {}
+        Ok(opened) => {
+            let fits =
+                input::rectified(config, opened).and_then(|opened| input::rig(config, opened.as_ref()));
+            wrong.extend(fits.err().map(|error| match &error {
+                InputError::NoCameras | InputError::NoDistortion(_) | InputError::Distorted(_) => {
+                    ("source.rectify", error.to_string())
+                }
+                _ => ("source.rig", error.to_string()),
+            }));
+        }
+    }
+    wrong
+}
+
+/// Opens the source; if that fails, says with which key.
+fn open(config: &Config) -> Result<Box<dyn PairSource>, (&'static str, String)> {
     let source = &config.source;
-    let is_recorded = ["folder", "recording"].contains(&&source.kind[..]);
-    if is_recorded && let Some(videos) = VideoFiles::named(&source.path, &source.left, &source.right) {
-        let key = if matches!(videos, VideoFiles::Two(..)) { "source.left" } else { "source.path" };
-        return VideoSource::open(&videos).err().map(|e| (key, format!("{key}: {e}"))).into_iter().collect();
-    }
-    if is_recorded && input::has_patterns(config) {
-        let opened = input::folder_options(config)
-            .and_then(|options| Ok(FolderSource::open_with(&source.path, &options)?));
-        return opened.err().into_iter().map(|error| pattern_error(config, &error.to_string())).collect();
-    }
-    if is_recorded && !source.path.exists() {
+    let has_patterns = input::has_patterns(config);
+    if ["folder", "recording"].contains(&&source.kind[..])
+        && !has_patterns
+        && !source.path.as_os_str().is_empty()
+        && !source.path.exists()
+    {
         let path = source.path.display();
         let text = format!(
             "source.path = \"{path}\": there is no such file or folder: name the pictures or the recording"
         );
-        return vec![("source.path", text)];
+        return Err(("source.path", text));
     }
-    if source.kind == "scene"
-        && !source.path.as_os_str().is_empty()
-        && let Err(error) = Scene::open(&source.path.to_string_lossy())
-    {
-        return vec![("source.path", format!("source.path: {error}"))];
-    }
-    Vec::new()
-}
-
-/// An error of pictures that are named by patterns, with the key of the pattern that it names.
-fn pattern_error(config: &Config, text: &str) -> (&'static str, String) {
-    let right = config.source.right.display().to_string();
-    let key = if !right.is_empty() && text.contains(&right) { "source.right" } else { "source.left" };
-    (key, format!("{key}: {text}"))
+    input::open_raw(config).map(|(opened, _)| opened).map_err(|error| {
+        let text = error.to_string();
+        let names =
+            |path: &PathBuf| !path.as_os_str().is_empty() && text.contains(&path.display().to_string());
+        let key = match &error {
+            InputError::NoPath => return ("source.path", text),
+            InputError::OnePattern => return ("source.left", text),
+            _ if has_patterns && source.kind == "folder" && names(&source.right) => "source.right",
+            _ if has_patterns && source.kind == "folder" => "source.left",
+            _ => "source.path",
+        };
+        (key, format!("{key}: {text}"))
+    })
 }
 
 /// Camera devices that the configuration names and that are not there.

@@ -25,10 +25,10 @@ pub struct Compare {
     pub a: PathBuf,
     /// The second run
     pub b: PathBuf,
-    /// Tolerated difference of distances, in metres
+    /// Tolerated difference of distances, in m
     #[arg(long, value_name = "N", default_value_t = 0.0, value_parser = metres)]
     pub distance_m: f64,
-    /// Tolerated difference of box sides, in pixels
+    /// Tolerated difference of box sides, in px
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub box_px: u32,
     /// List at most this many frames

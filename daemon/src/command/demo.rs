@@ -37,7 +37,7 @@ pub struct Demo {
     /// Seconds to drive
     #[arg(long, default_value_t = 10.0, value_name = "N", value_parser = seconds)]
     pub seconds: f64,
-    /// Folder for pictures, plots and the summary
+    /// Folder for pictures, plots, summary
     #[arg(long, default_value = "out/demo", value_name = "DIR")]
     pub out: PathBuf,
 }

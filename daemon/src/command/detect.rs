@@ -35,10 +35,10 @@ pub struct Detect {
     /// Scale factor from one window size to the next, OpenCV's scaleFactor
     #[arg(long, default_value_t = 1.1, value_name = "F", value_parser = growth)]
     pub growth: f64,
-    /// Smallest window side, in pixels; 0 for no limit
+    /// Smallest window side, in px; 0 for no limit
     #[arg(long, default_value_t = 0, value_name = "PX")]
     pub min_px: u32,
-    /// Largest window side, in pixels; 0 for no limit
+    /// Largest window side, in px; 0 for no limit
     #[arg(long, default_value_t = 0, value_name = "PX")]
     pub max_px: u32,
     /// A detection needs more overlapping windows than this, OpenCV's minNeighbors; 0 prints every

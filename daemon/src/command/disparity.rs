@@ -5,14 +5,15 @@ use crate::command::config_args::load;
 use crate::command::console::say;
 use crate::command::error::CommandError;
 use crate::command::number::{number, whole};
-use crate::input::interpretation;
+use crate::input::{first_pairs, interpretation};
 use crate::stages::stereo::matcher::{Backend, Method};
 use clap::Args;
 use perception::image::GreyView;
 use perception::stereo::device::STAGES;
 use perception::stereo::{DisparityView, MatchOutput, Matcher};
 use serde::Serialize;
-use sources::picture::{Decoded, Interpretation};
+use sources::check_two_files;
+use sources::picture::{Decoded, Interpretation, scaled_note};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::path::PathBuf;
@@ -138,23 +139,43 @@ impl DeviceFigures {
     }
 }
 
+/// Grey pixels of both images, width and height.
+type GreyPair = (Vec<u8>, Vec<u8>, usize, usize);
+
 /// Reads a pair of images as grey pixels, with width and height.
 ///
 /// # Errors
 /// If an image cannot be read, or the sizes differ.
-pub fn read_pair(left: &Path, right: &Path) -> Result<(Vec<u8>, Vec<u8>, usize, usize), CommandError> {
-    read_pair_as(left, right, Interpretation::default())
+pub fn read_pair(left: &Path, right: &Path) -> Result<GreyPair, CommandError> {
+    Ok(read(left, right, Interpretation::default())?.0)
 }
 
-/// The same, with values that become grey levels as `how` says. Both images are taken to have the same depth.
+/// The same, with values that become grey levels as `how` says. Both images are taken to have the same depth; one that was
+/// found is told.
 ///
 /// # Errors
 /// See [`read_pair`].
-pub fn read_pair_as(
-    left: &Path,
-    right: &Path,
-    how: Interpretation,
-) -> Result<(Vec<u8>, Vec<u8>, usize, usize), CommandError> {
+pub fn read_pair_as(left: &Path, right: &Path, how: Interpretation) -> Result<GreyPair, CommandError> {
+    let (pair, found) = read(left, right, how)?;
+    if how.bits.is_none()
+        && let Some(bits) = found
+    {
+        tracing::warn!("{}", scaled_note(left, bits));
+    }
+    Ok(pair)
+}
+
+/// Also the depth of 16-bit images that was found.
+fn read(left: &Path, right: &Path, how: Interpretation) -> Result<(GreyPair, Option<u8>), CommandError> {
+    if let Some(path) = [left, right].into_iter().find(|path| !path.exists()) {
+        return Err(CommandError::Other(format!(
+            "{}: there is no such file: give an image file",
+            path.display()
+        )));
+    }
+    if left.is_file() {
+        check_two_files(left, right)?;
+    }
     let (left_image, right_image) = (Decoded::read(left)?, Decoded::read(right)?);
     let (width, height) = (left_image.width, left_image.height);
     if (right_image.width, right_image.height) != (width, height) {
@@ -168,7 +189,7 @@ pub fn read_pair_as(
     }
     let found = left_image.bits().max(right_image.bits());
     let how = Interpretation { bits: how.bits.or(found), ..how };
-    Ok((left_image.grey(how), right_image.grey(how), width, height))
+    Ok(((left_image.grey(how), right_image.grey(how), width, height), found))
 }
 
 /// The median of some times, the upper one of an even number; sorts them. NaN for none.
@@ -184,6 +205,11 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     let disparities =
         args.max_disparity.map_or(usize::try_from(config.stereo.disparities).unwrap_or(0), usize::from);
     let (left, right, width, height) = read_pair_as(&args.left, &args.right, interpretation(&config))?;
+    if config.calibration.check
+        && let Some(fault) = first_pairs::fault(&left, &right, (width, height))
+    {
+        tracing::warn!("{fault}");
+    }
     let left = GreyView::new(&left, width, height, width)?;
     let right = GreyView::new(&right, width, height, width)?;
     let method = args.method.unwrap_or(Method::configured(&config));

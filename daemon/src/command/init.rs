@@ -24,7 +24,7 @@ with their defaults. `lookout check-config --reference` lists all keys. Paths ar
 #[derive(Args, Debug)]
 pub struct Init {
     /// Left camera: a device (preferably by its name in /dev/v4l/by-path)
-    #[arg(long, value_name = "DEVICE", required_unless_present = "recording")]
+    #[arg(long, value_name = "DEVICE")]
     pub left: Option<PathBuf>,
     /// Right camera
     #[arg(long, value_name = "DEVICE", conflicts_with_all = ["side_by_side", "recording"])]
@@ -96,6 +96,17 @@ pub fn run(args: &Init) -> Result<(), CommandError> {
     write(&args.out, &text, args.force)?;
     let (out, rig) = (args.out.display(), args.rig.is_none());
     say(format_args!("wrote {out}"))?;
+    // No errors: the file may be for another machine, or come before what it names.
+    let named = [("--recording", args.recording.as_deref()), ("--rig", args.rig.as_deref())];
+    for (option, path) in named.into_iter().filter_map(|(option, path)| Some((option, path?))) {
+        let beside = args.out.parent().unwrap_or(Path::new("")).join(path);
+        if !path.exists() && !beside.exists() {
+            eprintln!(
+                "lookout: note: {option}: there is no {} now, neither here nor beside {out}: lookout run needs it",
+                path.display()
+            );
+        }
+    }
     let has_cameras = checked.source.kind == "camera";
     if rig && has_cameras {
         say(format_args!(
@@ -112,6 +123,13 @@ fn settings(args: &Init) -> Result<BTreeMap<&'static str, Value>, CommandError> 
     let whole = |n: usize| Value::Integer(i64::try_from(n).unwrap_or(i64::MAX));
     let mut values = BTreeMap::new();
     match &args.recording {
+        None if args.left.is_none() => {
+            return Err(CommandError::Other(
+                "no cameras and no recording: give --left and --right, --left and --side-by-side, or --recording (lookout \
+                 init --help has examples)"
+                    .into(),
+            ));
+        }
         Some(recording) => {
             let is_file = tools::evaluation::compare::is_recording(recording);
             values.insert("source.kind", if is_file { "recording" } else { "folder" }.into());
@@ -126,6 +144,14 @@ fn settings(args: &Init) -> Result<BTreeMap<&'static str, Value>, CommandError> 
     if let Some(left) = &args.left {
         values.insert("camera.left", path(left));
         match &args.right {
+            Some(right) if sources::check_two_files(left, right).is_err() => {
+                return Err(CommandError::Other(format!(
+                    "--left {} and --right {} are one device: name the device of each camera, or give --side-by-side \
+                     instead of --right if one device delivers both images",
+                    left.display(),
+                    right.display()
+                )));
+            }
             Some(right) => values.insert("camera.right", path(right)),
             None if args.side_by_side => values.insert("camera.side_by_side", true.into()),
             None => {

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 pub const HELP: &str = "Examples:
   lookout man man1                             writes lookout.1 and a page for each subcommand
   man ./man1/lookout-replay.1
-  lookout man ~/.local/share/man/man1          then: man lookout, man lookout-replay";
+  lookout man ~/.local/share/man/man1          then: man lookout-replay";
 
 #[derive(Args, Debug)]
 pub struct Man {

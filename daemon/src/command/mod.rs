@@ -39,6 +39,7 @@ mod stage;
 mod status;
 mod stream;
 mod train;
+mod usage;
 mod video;
 mod view;
 
@@ -60,7 +61,7 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
   lookout disparity left.png right.png -o d.png   one pair, dense disparity
   lookout odometry RECORDING -o poses.txt         own motion: poses in KITTI's format
   lookout evaluate stereo KITTI                   disparity errors against ground truth
-  lookout evaluate weather                        obstacle detection in six weather conditions
+  lookout evaluate weather                        obstacle detection in sun, rain, night and snow
   lookout calibrate PICTURES --board 9x6 --square-mm 25 -o rig.toml
   lookout train --positives DIR --negatives DIR -o CASCADE.xml
   lookout status --watch                          status of the running daemon
@@ -73,7 +74,7 @@ Exit code: 0 on success, 2 for incorrect usage, 1 for any other error."
 pub struct Cli {
     /// Log level: error, warn, info, debug, trace [default: log.level of the configuration; warn
     /// for demo and replay]
-    #[arg(long, global = true, display_order = 1000, value_name = "LEVEL", value_parser = ["error", "warn", "info", "debug", "trace"])]
+    #[arg(long, global = true, display_order = 1000, value_name = "LEVEL", value_parser = ["error", "warn", "info", "debug", "trace"], hide_possible_values = true)]
     pub log: Option<String>,
     #[command(subcommand)]
     pub command: Command,
@@ -182,7 +183,10 @@ pub enum Command {
 
 /// Reads the command line. Errors of usage, and help, end the process.
 pub fn parse() -> Cli {
-    let matches = help_text::reflowed(Cli::command()).get_matches();
+    let matches = match help_text::reflowed(Cli::command()).try_get_matches() {
+        Ok(matches) => matches,
+        Err(error) => usage::end(error),
+    };
     Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
 }
 

@@ -76,5 +76,5 @@ pub fn run(args: &Obstacles, log: Option<&str>) -> Result<(), CommandError> {
             format!("{}x{} at {},{}", o.width_px, o.height_px, o.x_px, o.y_px)
         ))?;
     }
-    say(format_args!("alarm: {}", record.alarm.text()))
+    say(record.alarm.text())
 }

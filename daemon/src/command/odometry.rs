@@ -32,7 +32,8 @@ pub struct Odometry {
     pub recording: PathBuf,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// Rig TOML or KITTI calib.txt [default: the calibration beside the recording]
+    /// Rig file (TOML), KITTI calib.txt, or YAML of OpenCV, Kalibr or EuRoC [default: the calibration
+    /// beside the recording]
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
     /// Stop after this many pairs [default: all; 1000 of an endless scene]
@@ -87,6 +88,7 @@ fn summary(motion: &OwnMotion) -> String {
         .sum();
     match motion.unknown {
         0 => format!("{frames} poses, {length_m:.1} m"),
+        1 => format!("{frames} poses, {length_m:.1} m; motion unknown in 1 frame: predicted"),
         unknown => format!("{frames} poses, {length_m:.1} m; motion unknown in {unknown} frames: predicted"),
     }
 }

@@ -3,11 +3,11 @@
 use crate::command::disparity::read_pair_as;
 use crate::command::error::CommandError;
 use crate::in_process::Pipeline;
-use crate::input;
+use crate::input::{self, rig_fit};
 use crate::scheduler::RunError;
 use config::Config;
 use perception::rig::Rig;
-use sources::{PairSource, SourceError, calibration_file};
+use sources::{PairSource, SourceError};
 use std::path::Path;
 
 /// A source with one pair, which is already in memory.
@@ -55,8 +55,8 @@ pub(super) fn pipeline(
     let rig_path = rig.unwrap_or(&config.source.rig);
     if rig_path.as_os_str().is_empty() {
         return Err(CommandError::Other(
-            "distances need a rig: give --rig with a KITTI calib.txt or a TOML file with focal_px, \
-             baseline_m, cx_px and cy_px"
+            "distances need a rig: give --rig with a rig file of lookout calibrate, a KITTI calib.txt, or a TOML file with \
+             focal_px, baseline_m, cx_px and cy_px"
                 .into(),
         ));
     }
@@ -64,7 +64,8 @@ pub(super) fn pipeline(
         read_pair_as(left, right, input::interpretation(config))?;
     let mut config = config.clone();
     config.source.rig = rig_path.to_owned();
-    let rig = calibration_file::read_for(rig_path, true, (width, height))?;
+    let rig = input::named_rig(rig_path, true, (width, height))?;
+    rig_fit::check(&rig, (width, height), &rig_path.display().to_string()).map_err(RunError::from)?;
     let source = OnePair { left: left_pixels, right: right_pixels, size: (width, height), rig };
     let source = input::rectified(&config, Box::new(source)).map_err(RunError::from)?;
     let pipeline = Pipeline::new(&config, source, rig)

@@ -59,8 +59,8 @@ pub struct Record {
     /// Store images as JPEG
     #[arg(long, conflicts_with_all = ["raw", "png"])]
     pub jpeg: bool,
-    /// Topics to record, separated by commas
-    #[arg(long, value_name = "LIST", default_value_t = Choice::default())]
+    /// Topics to record, separated by commas [default: images,obstacles,scene,status]
+    #[arg(long, value_name = "LIST", default_value_t = Choice::default(), hide_default_value = true)]
     pub topics: Choice,
     /// Start a new file before one has more than this many MB (1 MB is 1,000,000 bytes)
     #[arg(long, value_name = "N", value_parser = whole::<u64>(1, 1_000_000))]

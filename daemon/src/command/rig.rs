@@ -11,7 +11,7 @@ use std::path::PathBuf;
 pub const HELP: &str = "Examples:
   lookout rig rig.toml
   lookout rig rig.toml --format ros -o left.yaml       writes left.yaml and right.yaml
-  lookout rig extrinsics.yml intrinsics.yml --size 640x480 --format toml -o rig.toml";
+  lookout rig extr.yml intr.yml --size 640x480 --format toml -o rig.toml";
 
 #[derive(Args, Debug)]
 pub struct RigCommand {

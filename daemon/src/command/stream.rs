@@ -31,7 +31,7 @@ pub const HELP: &str = "Examples:
   lookout stream --topics status | jq -r '.status.state'
   lookout stream --limit 1 | jq .                            the next frame
   lookout stream --socket /run/lookout-stream/socket         as a member of the socket's group
-  lookout stream --serve -c /etc/lookout/lookout.toml        serves stream.socket
+  lookout stream --serve -c car.toml              serves stream.socket
 
 One JSON object a line, one line a frame, with the fields of obstacles.jsonl (docs/outputs.md). run
 and sequence identify a frame: run differs at each start of the daemon. A line with \"withdrawn\":

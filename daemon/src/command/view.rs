@@ -12,6 +12,7 @@ use crate::view::server::Server;
 use crate::view::watcher::Watcher;
 use clap::Args;
 use messages::instance::Instance;
+use messages::neighbours::absent;
 use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -65,7 +66,10 @@ pub fn run(args: &View, log: Option<&str>) -> Result<(), CommandError> {
     let access = |address| Access::new(address, token.clone());
     let server = Server::bind(args.bind, access, Arc::clone(&hub)).map_err(|e| cannot_bind(args.bind, &e))?;
     let address = server.address().map_err(|e| cannot_bind(args.bind, &e))?;
-    say(invitation(address, instance.name(), token.as_deref()))?;
+    say(invitation(address, &instance, token.as_deref()))?;
+    if !instance.is_running() {
+        eprintln!("lookout: note: {}; the page waits for it", absent(&instance));
+    }
     let server = Arc::new(server);
     std::thread::Builder::new()
         .name("server".into())
@@ -95,14 +99,15 @@ fn token(args: &View) -> Result<Option<String>, TokenError> {
 }
 
 /// The line with the link. A wildcard address is no host name, so the user has to fill in the machine's.
-fn invitation(address: SocketAddr, name: &str, token: Option<&str>) -> String {
+fn invitation(address: SocketAddr, instance: &Instance, token: Option<&str>) -> String {
     let host = if address.ip().is_unspecified() {
         format!("ADDRESS-OF-THIS-MACHINE:{}", address.port())
     } else {
         address.to_string()
     };
     let link = token.map_or_else(String::new, |token| format!("/?token={token}"));
-    format!("the daemon \"{name}\" is shown at http://{host}{link}")
+    let shown = if instance.is_running() { "is shown at" } else { "will be shown, once it runs, at" };
+    format!("the daemon \"{}\" {shown} http://{host}{link}", instance.name())
 }
 
 #[cfg(test)]
@@ -111,8 +116,11 @@ mod tests {
 
     #[test]
     fn the_link_contains_host_port_and_token() {
-        let link = |address: &str, token| invitation(address.parse().unwrap(), "front", token);
-        assert_eq!(link("127.0.0.1:80", None), "the daemon \"front\" is shown at http://127.0.0.1:80");
+        let folder = tempfile::tempdir().unwrap();
+        let front = Instance::new("front", folder.path());
+        let link = |address: &str, token| invitation(address.parse().unwrap(), &front, token);
+        let waits = "the daemon \"front\" will be shown, once it runs, at http://127.0.0.1:80";
+        assert_eq!(link("127.0.0.1:80", None), waits);
         assert!(link("[::1]:80", Some("abc")).ends_with("http://[::1]:80/?token=abc"));
         assert!(link("0.0.0.0:81", Some("abc")).ends_with("http://ADDRESS-OF-THIS-MACHINE:81/?token=abc"));
     }

@@ -16,8 +16,22 @@ pub fn source(config: &Config) -> Result<CameraSource, InputError> {
     if c.left.as_os_str().is_empty() || (!c.side_by_side && c.right.as_os_str().is_empty()) {
         return Err(InputError::NoCamera);
     }
+    check_two_cameras(config)?;
     let settings = settings(config);
     Ok(CameraSource::new(opener(config)?, settings, messages::clock::monotonic_ns))
+}
+
+/// Checks that left and right are not one device, by whatever names.
+///
+/// # Errors
+/// If they are.
+pub fn check_two_cameras(config: &Config) -> Result<(), InputError> {
+    let c = &config.camera;
+    // Two pipelines may have the same text.
+    if c.side_by_side || c.backend != "v4l2" || sources::check_two_files(&c.left, &c.right).is_ok() {
+        return Ok(());
+    }
+    Err(InputError::OneCamera { left: c.left.clone(), right: c.right.clone() })
 }
 
 fn settings(config: &Config) -> Settings {
@@ -89,6 +103,12 @@ mod tests {
         assert!(error.contains("camera.skew_ms = 30 is too high"), "{error}");
         let none = config::parse("[camera]\nright = \"\"\n", Path::new("car.toml")).unwrap();
         assert!(matches!(source(&none), Err(InputError::NoCamera)));
+        let one = Config::default();
+        let mut one =
+            Config { camera: config::Camera { right: one.camera.left.clone(), ..one.camera }, ..one };
+        assert!(matches!(source(&one), Err(InputError::OneCamera { .. })));
+        one.camera.side_by_side = true;
+        assert!(!matches!(source(&one), Err(InputError::OneCamera { .. })));
         let elsewhere = config::parse("[camera]\nbackend = \"gstreamer\"\n", Path::new("car.toml")).unwrap();
         let error = source(&elsewhere).err().map(|e| e.to_string()).unwrap_or_default();
         assert!(cfg!(feature = "gstreamer") || error.contains("--features gstreamer"), "{error}");

@@ -1,5 +1,6 @@
 //! Errors of opening the source.
 
+use perception::rig::Rig;
 use sources::SourceError;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -24,6 +25,17 @@ pub enum InputError {
          camera.side_by_side"
     )]
     NoCamera,
+    /// One camera as left and right.
+    #[error(
+        "camera.left = {left:?} and camera.right = {right:?} are one device: name the device of each camera, or set \
+         camera.side_by_side if one device delivers both images"
+    )]
+    OneCamera {
+        /// The left device.
+        left: PathBuf,
+        /// The right one.
+        right: PathBuf,
+    },
     /// This build lacks the camera backend.
     #[error("camera.backend = \"{0}\" is not in this build: build it with --features {0}")]
     NoBackend(String),
@@ -59,6 +71,19 @@ pub enum InputError {
          name its rig file"
     )]
     NoRigOfCameras,
+    /// The rig cannot be that of the pictures.
+    #[error(
+        "{name}: its principal point, column {:.0} of row {:.0}, lies outside of the pictures of {}x{} pixels: it is for pictures \
+         of another size; give the rig of these with --rig or source.rig", rig.cx_px, rig.cy_px, size.0, size.1
+    )]
+    OtherSize {
+        /// The file.
+        name: String,
+        /// What it says.
+        rig: Rig,
+        /// Width and height of the pictures.
+        size: (usize, usize),
+    },
     /// The configured rig file cannot be read.
     #[error("source.rig (--rig): {0}")]
     Rig(SourceError),

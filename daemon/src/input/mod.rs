@@ -2,20 +2,25 @@
 
 mod cameras;
 mod error;
+pub mod first_pairs;
 mod rectification;
+pub mod rig_fit;
 pub mod vehicle;
 
+pub use cameras::check_two_cameras;
 use config::Config;
 pub use error::InputError;
 use perception::rig::Rig;
 pub use rectification::rectified;
 use sources::bayer::Bayer;
+use sources::calibration_file::{self, Calibration};
 use sources::folder::{FolderOptions, FolderSource};
 use sources::picture::Interpretation;
 use sources::recording::RecordingSource;
 use sources::scene::{Drive, Scene};
 use sources::video::{VideoFiles, VideoSource};
-use sources::{PairSource, SourceError, calibration_file};
+use sources::{PairSource, SourceError};
+use std::path::Path;
 
 /// Opens the source, with rectification as `source.rectify` says.
 ///
@@ -27,8 +32,11 @@ pub fn open(config: &Config) -> Result<Box<dyn PairSource>, InputError> {
     rectified(config, source)
 }
 
-/// The source, and the time of its first pair on the clock of files beside it, in seconds.
-fn open_raw(config: &Config) -> Result<(Box<dyn PairSource>, f64), InputError> {
+/// The source with its pictures as they are, and the time of its first pair on the clock of files beside it, in seconds.
+///
+/// # Errors
+/// If it cannot be opened.
+pub fn open_raw(config: &Config) -> Result<(Box<dyn PairSource>, f64), InputError> {
     let source = &config.source;
     let videos = VideoFiles::named(&source.path, &source.left, &source.right);
     let opened: Box<dyn PairSource> = match source.kind.as_str() {
@@ -103,26 +111,33 @@ pub fn tell_notes(source: &dyn PairSource) {
 /// # Errors
 /// If there is none, its file cannot be read, or it is for pictures of another size.
 pub fn rig(config: &Config, source: &dyn PairSource) -> Result<Rig, InputError> {
-    let rig = if config.source.rig.as_os_str().is_empty() {
-        source.rig().ok_or_else(|| match config.source.kind.as_str() {
+    let named = &config.source.rig;
+    if named.as_os_str().is_empty() {
+        let rig = source.rig().ok_or_else(|| match config.source.kind.as_str() {
             "camera" => InputError::NoRigOfCameras,
             _ => InputError::NoRig(name(config)),
-        })?
-    } else {
-        calibration_file::read_for(&config.source.rig, source.has_colour_cameras(), source.size())
-            .map_err(InputError::Rig)?
-    };
-    let (width, height) = source.size();
-    if !(0.0..=width as f64).contains(&rig.cx_px) || !(0.0..=height as f64).contains(&rig.cy_px) {
-        tracing::warn!(
-            cx_px = rig.cx_px,
-            cy_px = rig.cy_px,
-            width,
-            height,
-            "the principal point of the rig lies outside of the pictures: is it for pictures of another size?"
-        );
+        })?;
+        let file = source.rig_file().map_or_else(|| name(config), |file| file.display().to_string());
+        rig_fit::check(&rig, source.size(), &file)?;
+        return Ok(rig);
     }
+    let rig = named_rig(named, source.has_colour_cameras(), source.size()).map_err(InputError::Rig)?;
+    rig_fit::check(&rig, source.size(), &named.display().to_string())?;
+    rectification::tell_cameras_beside(config, source);
     Ok(rig)
+}
+
+/// The rig of a named calibration for pictures of a size; tells what is doubtful of one that does not say its size.
+///
+/// # Errors
+/// If it cannot be read, or is for pictures of another size.
+pub fn named_rig(path: &Path, has_colour_cameras: bool, size: (usize, usize)) -> Result<Rig, SourceError> {
+    let fail = |reason: String| SourceError::Calibration { path: path.to_owned(), reason };
+    let calibration = calibration_file::open_for(path, has_colour_cameras, size)?;
+    if let Calibration::Rectified(_) = calibration {
+        rig_fit::tell_pictures_beside(path, size);
+    }
+    calibration.rig_for(size).map_err(fail)
 }
 
 /// What the source is called in errors.

@@ -47,6 +47,26 @@ pub fn rectified(config: &Config, source: Box<dyn PairSource>) -> Result<Box<dyn
     Ok(Box::new(RectifiedSource::new(source, &file, path)?))
 }
 
+/// Tells if the rig that is named, one of rectified pictures, stands in for cameras beside the pictures that would rectify
+/// them.
+pub fn tell_cameras_beside(config: &Config, source: &dyn PairSource) {
+    let named = &config.source.rig;
+    if config.source.rectify == Automatic::Auto
+        && source.geometry() != Geometry::Rectified
+        && let Some(beside) = source.rig_file()
+        && let Ok(Calibration::Cameras(file)) =
+            calibration_file::open_for(beside, source.has_colour_cameras(), source.size())
+        && file.rectification_px() > MAX_RECTIFIED_PX
+    {
+        tracing::warn!(
+            "{}: it is for rectified pictures, but by {} beside them these are not: they are taken as they are; leave out \
+             --rig (source.rig) to rectify them, or set source.rectify = false if they are rectified",
+            named.display(),
+            beside.display()
+        );
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -443,7 +443,8 @@ impl Run {
     /// Fails the run and stops the stages. Only the first reason is kept.
     fn fail(&mut self, reason: String, now: u64) {
         if self.failure.is_none() && self.phase != Phase::Stopping {
-            tracing::error!("{reason}");
+            // The command says it at the end.
+            tracing::debug!("the run fails: {reason}");
             self.failure = Some(reason);
             self.stop_stages(now);
         }

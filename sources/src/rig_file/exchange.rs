@@ -4,9 +4,7 @@
 use super::values::{Cameras, camera, numbers, pixels, turn};
 use super::yaml::{self, Value};
 use super::{RigFile, check_camera, data_sets, rows, write_atomically};
-use crate::bounded_file::read_text;
-use crate::limits::CALIBRATION;
-use crate::{SourceError, calibration_file};
+use crate::{SourceError, calibration_file, calibration_text};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use perception::calibration::{Camera, Crop, Pose};
 use perception::excerpt::{VALUE_CHARS, excerpt};
@@ -43,8 +41,9 @@ pub fn import(paths: &[PathBuf], size: Option<(usize, usize)>, crop: Crop) -> Re
         Some("toml") => return RigFile::read(first),
         Some("txt") => {
             let rig = calibration_file::read(first, false)?;
-            let size =
-                size.ok_or_else(|| fail("a calib.txt does not contain the image size: give it".into()))?;
+            let size = size.ok_or_else(|| {
+                fail("a calib.txt does not contain the image size: give it with --size".into())
+            })?;
             let camera = Camera::pinhole(rig.focal_px, rig.focal_px, rig.cx_px, rig.cy_px);
             let t = Vector3::new(-rig.baseline_m, 0.0, 0.0);
             let between = Pose { rotation: Rotation3::identity(), translation_m: t };
@@ -59,8 +58,7 @@ pub fn import(paths: &[PathBuf], size: Option<(usize, usize)>, crop: Crop) -> Re
     let both: Vec<&PathBuf> = paths.iter().chain(&both).collect();
     let mut documents = Vec::new();
     for path in both {
-        let text =
-            read_text(path, &CALIBRATION).map_err(|source| SourceError::Io { path: path.clone(), source })?;
+        let text = calibration_text::read(path)?;
         let document =
             yaml::parse(&text).map_err(|reason| SourceError::Calibration { path: path.clone(), reason })?;
         documents.push(document);
@@ -74,8 +72,12 @@ pub fn import(paths: &[PathBuf], size: Option<(usize, usize)>, crop: Crop) -> Re
         data_sets::sensors(&documents)
     } else if key("M1") || key("K1") {
         opencv(&documents, size)
+    } else if key("T") && key("R") {
+        Err(OTHER_HALF_OF_INTRINSICS.into())
     } else {
-        Err("found none of cam0 (Kalibr), camera_matrix (ROS), T_BS (EuRoC), M1 or K1 (OpenCV)".into())
+        Err("found none of cam0 (Kalibr), camera_matrix (ROS), T_BS (EuRoC), M1 or K1 (OpenCV): give such a file, or make one \
+             with lookout calibrate"
+            .into())
     };
     let (cameras, between, size) = read.map_err(fail)?;
     for (camera, name) in cameras.iter().zip(["the left camera", "the right camera"]) {
@@ -91,7 +93,20 @@ fn other_sensor(left: &Path) -> Option<PathBuf> {
     Some(camera.with_file_name(format!("{name}1")).join(calibration_file::SENSOR))
 }
 
+/// What to do with one of two files of OpenCV.
+const OTHER_HALF_OF_INTRINSICS: &str = "OpenCV's extrinsics without the cameras (M1, D1, M2, D2): join it with the file of the \
+                                        intrinsics: lookout rig EXTRINSICS INTRINSICS --size WIDTHxHEIGHT --format toml -o \
+                                        rig.toml, and give rig.toml";
+
+/// The same of the other.
+const OTHER_HALF_OF_EXTRINSICS: &str = "OpenCV's intrinsics without R and T between the cameras: join it with the file of the \
+                                        extrinsics: lookout rig EXTRINSICS INTRINSICS --size WIDTHxHEIGHT --format toml -o \
+                                        rig.toml, and give rig.toml";
+
 fn opencv(documents: &[Value], size: Option<(usize, usize)>) -> Result<Cameras, String> {
+    if !["R", "T"].iter().any(|key| documents.iter().any(|d| d.get(key).is_some())) {
+        return Err(OTHER_HALF_OF_EXTRINSICS.into());
+    }
     // Intrinsics and extrinsics may be in two files.
     let holder = |key: &str| documents.iter().find(|d| d.get(key).is_some()).unwrap_or(&documents[0]);
     let name = |a: &'static str, b: &'static str| if holder(a).get(a).is_some() { a } else { b };
@@ -110,7 +125,7 @@ fn opencv(documents: &[Value], size: Option<(usize, usize)>) -> Result<Cameras, 
         let [h] = numbers(holder("image_height"), "image_height")?;
         (pixels(w)?, pixels(h)?)
     } else {
-        size.ok_or("found neither image_size nor image_width and image_height: give the image size")?
+        size.ok_or("found neither image_size nor image_width and image_height: give the image size, with lookout rig by --size")?
     };
     let t: [f64; 3] = numbers(holder("T"), "T")?;
     let between = Pose { rotation: turn(&numbers(holder("R"), "R")?, "R")?, translation_m: Vector3::from(t) };

@@ -9,8 +9,8 @@ mod yaml;
 
 pub use exchange::{Format, import, write as export};
 
-use crate::bounded_file::read_text;
-use crate::limits::{CALIBRATION, MAX_SIDE_PX};
+use crate::calibration_text;
+use crate::limits::MAX_SIDE_PX;
 use crate::{SourceError, toml_text};
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use perception::calibration::{Camera, Crop, Pose, Rectification};
@@ -150,7 +150,8 @@ impl RigFile {
             return Ok(());
         }
         Err(format!(
-            "calibrated with images of {w}x{h} pixels, the source has {width}x{height}: calibrate at that size"
+            "calibrated with images of {w}x{h} pixels, the source has {width}x{height}: calibrate at that size, or name the \
+             rig of these images with --rig or source.rig (the size of cameras is camera.width and camera.height)"
         ))
     }
 
@@ -259,7 +260,8 @@ impl RigFile {
                 ));
             }
         }
-        let d: Document = toml_text::parse(text).map_err(|e| e.to_string())?;
+        let d: Document = toml_text::parse(text)
+            .map_err(|e| format!("{e}: give a rig file of lookout calibrate or lookout rig"))?;
         if d.layout != LAYOUT {
             return Err(format!("layout = {}: this program reads layout {LAYOUT}", d.layout));
         }
@@ -306,8 +308,7 @@ impl RigFile {
     /// # Errors
     /// Names the file, the line or key, and the expected content.
     pub fn read(path: &Path) -> Result<Self, SourceError> {
-        let text = read_text(path, &CALIBRATION)
-            .map_err(|source| SourceError::Io { path: path.to_owned(), source })?;
+        let text = calibration_text::read(path)?;
         Self::from_toml(&text).map_err(|reason| SourceError::Calibration { path: path.to_owned(), reason })
     }
 

@@ -15,7 +15,7 @@ pub enum SceneError {
         known: String,
     },
     /// The file cannot be read.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}: give a TOML file (docs/scenes.md), or the name of a built-in scene", path.display())]
     Io {
         /// Path of the file.
         path: PathBuf,

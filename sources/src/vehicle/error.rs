@@ -28,7 +28,7 @@ pub enum VehicleError {
         value: String,
     },
     /// The DBC file cannot be read.
-    #[error("vehicle.dbc: {}: {source}", path.display())]
+    #[error("vehicle.dbc: {}: {source}: give the DBC file of the bus", path.display())]
     Io {
         /// The file.
         path: PathBuf,

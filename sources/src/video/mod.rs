@@ -5,7 +5,7 @@ mod stream;
 
 use crate::calibration_file::{self, Calibration};
 use crate::foreign;
-use crate::{Geometry, PairSource, SourceError};
+use crate::{Geometry, PairSource, SourceError, check_two_files};
 use info::VideoInfo;
 use perception::rig::Rig;
 use std::path::{Path, PathBuf};
@@ -36,6 +36,23 @@ impl VideoFiles {
     }
 }
 
+impl VideoFiles {
+    /// Checks that the videos are there, before ffmpeg is asked for.
+    fn check_there(&self) -> Result<(), SourceError> {
+        let (first, second) = match self {
+            Self::SideBySide(path) => (path, None),
+            Self::Two(left, right) => (left, Some(right)),
+        };
+        match [Some(first), second].into_iter().flatten().find(|path| !path.exists()) {
+            Some(path) => Err(SourceError::Foreign {
+                path: path.clone(),
+                explanation: "there is no such file: give the path of a video".into(),
+            }),
+            None => Ok(()),
+        }
+    }
+}
+
 /// Pairs of one or two videos.
 pub struct VideoSource {
     streams: Vec<VideoStream>,
@@ -56,6 +73,7 @@ impl VideoSource {
     /// # Errors
     /// If ffmpeg is missing or cannot read them, or they do not belong together.
     pub fn open(files: &VideoFiles) -> Result<Self, SourceError> {
+        files.check_there()?;
         let (first, infos, size) = match files {
             VideoFiles::SideBySide(path) => {
                 let info = VideoInfo::read(path)?;
@@ -63,6 +81,7 @@ impl VideoSource {
                 (path, vec![(path, info)], size)
             }
             VideoFiles::Two(left, right) => {
+                check_two_files(left, right)?;
                 let (a, b) = (VideoInfo::read(left)?, VideoInfo::read(right)?);
                 check_sizes(left, &a, right, &b)?;
                 let size = (a.width, a.height);

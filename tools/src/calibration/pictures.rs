@@ -24,7 +24,7 @@ pub enum PicturesError {
         path: PathBuf,
     },
     /// Images of one camera only.
-    #[error("{}: {count} images of the {side} camera, none of the other", path.display())]
+    #[error("{}: {count} images of the {side} camera, none of the other: add those", path.display())]
     OneSide {
         /// The folder.
         path: PathBuf,
@@ -65,6 +65,10 @@ impl Pictures {
     /// # Errors
     /// When the folder cannot be read, or has no images of two cameras.
     pub fn find(folder: &Path) -> Result<Self, PicturesError> {
+        if !folder.is_dir() {
+            let explanation = "there is no such folder: give one with the pictures of the board".into();
+            return Err(SourceError::Foreign { path: folder.to_owned(), explanation }.into());
+        }
         let here = images(folder)?;
         let sides = LAYOUTS.iter().map(|(l, r)| (folder.join(l), folder.join(r)));
         let (lefts, rights): (Vec<_>, Vec<_>) =

@@ -39,7 +39,8 @@ pub struct AlarmTimes {
 
 impl fmt::Display for LevelTime {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} frames ({:.1} s)", self.frames, self.seconds)
+        let s = if self.frames == 1 { "" } else { "s" };
+        write!(f, "{} frame{s} ({:.1} s)", self.frames, self.seconds)
     }
 }
 

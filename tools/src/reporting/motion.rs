@@ -86,7 +86,8 @@ impl fmt::Display for MotionSummary {
             self.yaw_rate_rms_rad_s.unwrap_or_default()
         )?;
         if self.disagree > 0 {
-            write!(f, "; odometry and bus disagree in {} frames", self.disagree)?;
+            let s = if self.disagree == 1 { "" } else { "s" };
+            write!(f, "; odometry and bus disagree in {} frame{s}", self.disagree)?;
         }
         Ok(())
     }

@@ -152,10 +152,11 @@ impl AlarmLine {
         let reason = self.reason.as_deref().unwrap_or("no reason");
         let object = self.object.as_ref().map_or(String::new(), |object| format!(", {object}"));
         let nearest = self.nearest_m.map_or(String::new(), |m| format!(", nearest in the path {m:.1} m"));
+        let words = level_words(&self.level);
         match self.level.as_str() {
-            "off" => format!("alarm off: {reason}"),
-            "clear" => format!("clear: {reason}{object}"),
-            level => format!("{} ({reason}{object}{nearest})", level.to_uppercase()),
+            "off" => format!("{words}: {reason}"),
+            "clear" => format!("{words}: {reason}{object}"),
+            _ => format!("{words}: {reason}{object}{nearest}"),
         }
     }
 }
@@ -186,11 +187,11 @@ mod tests {
             ..AlarmLine::default()
         };
         let warning = alarm("warning", "1.6 s to collision", Some(object.clone()));
-        assert_eq!(warning.text(), "WARNING (1.6 s to collision, vehicle 12, 0.6 m into the path)");
-        assert_eq!(alarm("clear", "nothing in the path", None).text(), "clear: nothing in the path");
+        assert_eq!(warning.text(), "warning raised: 1.6 s to collision, vehicle 12, 0.6 m into the path");
+        assert_eq!(alarm("clear", "nothing in the path", None).text(), "alarm clear: nothing in the path");
         assert_eq!(alarm("off", "no road seen", None).text(), "alarm off: no road seen");
         let lost = AlarmObject { class: None, clearance_m: None, ..object };
-        assert_eq!(alarm("alarm", "held", Some(lost)).text(), "ALARM (held, track 12)");
+        assert_eq!(alarm("alarm", "held", Some(lost)).text(), "alarm raised: held, track 12");
         // A line of an earlier version.
         let old = r#"{"level":"standby","rule":null,"track":null,"changed":false,"nearest_m":null,
             "time_to_collision_s":null,"required_deceleration_m_s2":null,"reason":null}"#;

@@ -293,8 +293,10 @@ impl fmt::Display for RunSummary {
             mebibytes(self.shared_bytes),
             mebibytes(self.file_bytes)
         )?;
-        if self.unreadable > 0 {
-            write!(f, "\n{} pairs left out, because they cannot be read", self.unreadable)?;
+        match self.unreadable {
+            0 => {}
+            1 => f.write_str("\n1 pair left out, because it cannot be read")?,
+            n => write!(f, "\n{n} pairs left out, because they cannot be read")?,
         }
         write!(f, "\n{}", self.alarm_times)?;
         if self.source_time != SourceTimeSummary::default() {

@@ -13,8 +13,8 @@ pub const HELP: &str = "Examples:
   lookout calibrate --live camera -c car.toml --board 9x6 --square-mm 24.23 -o rig.toml
   lookout calibrate --from-drive RECORDING --rig rig.toml -o rig-now.toml
 
-DIR contains two folders, left and right, with pictures of the same names (PNG, JPEG, PGM, PPM), or
-files such as left1.png and right1.png. --board counts inner corners, where four squares meet: a
+DIR contains two folders, left and right, with pictures of the same names (PNG, JPEG, TIFF, BMP, WebP,
+PGM, PPM), or files such as left1.png and right1.png. --board counts inner corners, where four squares meet: a
 board of 10 x 7 squares has 9x6. Take 10 to 30 pairs with the whole board in both pictures: near and
 far, in the middle, at edges and in corners, tilted by 20 to 45 degrees to all sides. Hold the board
 still, or put it on a support.

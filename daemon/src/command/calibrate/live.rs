@@ -7,6 +7,7 @@ use crate::command::error::CommandError;
 use crate::input;
 use config::Config;
 use config::automatic::Automatic;
+use messages::instance::InstanceError;
 use messages::wait::{self, Next};
 use messages::{pair, service};
 use perception::calibration::Board;
@@ -47,9 +48,12 @@ pub fn collect(args: &Calibrate, board: Board, log: Option<&str>) -> Result<Path
     }
     let kept = keeper.session.as_ref().map_or(0, Session::kept);
     if keeper.session.is_none() {
-        return Err(CommandError::Other(
-            "ended before the first pair: is the source running? lookout status says it of a daemon".into(),
-        ));
+        let remedy = match (&args.dir, config.source.kind.as_str()) {
+            (None, _) => "lookout status says whether its source gives pairs",
+            (Some(_), "camera") => "lookout doctor says whether the cameras answer, and what to do",
+            _ => "give a recording with pairs of the board",
+        };
+        return Err(CommandError::Other(format!("ended before the first pair: {remedy}")));
     }
     if kept == 0 {
         return Err(CommandError::Other(
@@ -189,7 +193,14 @@ fn await_pair(source: &mut dyn PairSource, wait: &mut Wait) -> Result<bool, Comm
 }
 
 fn from_daemon(config: &Config, keeper: &mut Keeper<'_>, stop: &AtomicBool) -> Result<(), CommandError> {
-    let attached = attach(config, "calibrate --live")?;
+    let attached = attach(config, "calibrate --live").map_err(|error| match error {
+        // lookout run would refuse cameras without a rig.
+        CommandError::Instance(InstanceError::NotRunning { name, others }) => CommandError::Other(format!(
+            "no daemon named \"{name}\" is running{others}: give --live camera to calibrate the cameras of the configuration (-c \
+             FILE) without one, or name another with --instance"
+        )),
+        error => error,
+    })?;
     let pairs = attached.bus.subscriber(&service::PAIR)?;
     let mut wait = Wait::new(format!("the daemon \"{}\"", attached.instance.name()));
     wait.trouble = "its source does not answer; lookout status says why".into();

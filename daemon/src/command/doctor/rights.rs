@@ -116,9 +116,12 @@ fn of_programs() -> Finding {
     let has = |name: &str| std::env::split_paths(&path).any(|folder| folder.join(name).is_file());
     match (has("ffmpeg"), has("gst-launch-1.0")) {
         (true, _) => Finding::good("programs", "ffmpeg: videos can be written and read"),
-        (false, true) => Finding::good("programs", "gst-launch-1.0: videos can be written"),
+        (false, true) => {
+            let text = "gst-launch-1.0, no ffmpeg: videos can be written, but not read";
+            Finding::note("programs", text, "apt install ffmpeg, to replay videos")
+        }
         (false, false) => {
-            let remedy = "apt install ffmpeg; without it lookout replay --video writes .gif only";
+            let remedy = "apt install ffmpeg; without it videos cannot be read, and lookout replay --video writes .gif only";
             Finding::note("programs", "neither ffmpeg nor gst-launch-1.0", remedy)
         }
     }

@@ -35,7 +35,7 @@ pub const HELP: &str = "Examples:
   lookout evaluate drive ../shared/data/kitti_sequence_1 --poses ../shared/data/kitti_sequence_1/poses.txt
   lookout evaluate drive DIR --rig DIR/rig.toml --set source.rectify=true \\
     --oxts DIR/oxts.csv --times DIR/timestamps.csv --json
-  lookout evaluate drive monday.mcap tuesday.mcap --poses monday.txt --poses tuesday.txt
+  lookout evaluate drive mo.mcap tu.mcap --poses mo.txt --poses tu.txt
 
 RECORDING is a folder, an MCAP file or scene:NAME, as for lookout replay. It is played in lock-step
 through all stages. No labels are needed: nothing was hit on the drive, so
@@ -67,7 +67,8 @@ pub struct EvaluateDrive {
     pub recordings: Vec<PathBuf>,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// Rig TOML or KITTI calib.txt [default: the calibration beside the recording]
+    /// Rig file (TOML), KITTI calib.txt, or YAML of OpenCV, Kalibr or EuRoC [default: the calibration
+    /// beside the recording]
     #[arg(long, value_name = "FILE")]
     pub rig: Vec<PathBuf>,
     /// Path that was driven: KITTI's poses.txt

@@ -61,7 +61,7 @@ pub struct EvaluateLidar {
     pub sets: Vec<PathBuf>,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// Process each picture this many times in a row
+    /// Process each picture this often in a row
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub repeat: u64,
     /// Folder for pictures and the tables

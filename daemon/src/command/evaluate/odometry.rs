@@ -46,7 +46,8 @@ pub struct EvaluateOdometry {
     pub recording: PathBuf,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// Rig TOML or KITTI calib.txt [default: the calibration beside the recording]
+    /// Rig file (TOML), KITTI calib.txt, or YAML of OpenCV, Kalibr or EuRoC [default: the calibration
+    /// beside the recording]
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
     /// Ground truth: KITTI's poses.txt

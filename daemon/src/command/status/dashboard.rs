@@ -155,7 +155,7 @@ impl Dashboard {
             (
                 Tone::Plain,
                 format!(
-                    "up {up}  {} frames  end to end: median {:.0} ms, 99 % {:.0} ms",
+                    "up {up}  {} frames  end to end p50 {:.0} ms, p99 {:.0} ms",
                     status.frames, status.latency_p50_ms, status.latency_p99_ms
                 ),
             ),
@@ -250,9 +250,7 @@ fn cpu(status: &StatusRecord) -> f64 {
 }
 
 fn alarm(status: &StatusRecord) -> String {
-    let level = level_name(status.alarm.level);
-    let level =
-        if status.alarm.level == ALARM { level.to_uppercase() } else { level_words(level).to_owned() };
+    let level = level_words(level_name(status.alarm.level)).to_owned();
     let nearest_m = status.alarm.nearest_m;
     let nearest = if nearest_m.is_finite() { format!(", nearest {nearest_m:.1} m") } else { String::new() };
     // The reason of a clear alarm is its nearest obstacle, or that there is none.
@@ -315,7 +313,7 @@ mod tests {
         let line =
             |word: &str| lines.iter().find(|(_, l)| l.contains(word)).unwrap_or_else(|| panic!("{word}"));
         assert_eq!(line("degraded: the road stage failed").0, Tone::Bad);
-        assert_eq!(line("ALARM: nearer than the preset distance, nearest 8.2 m").0, Tone::Bad);
+        assert_eq!(line("alarm raised: nearer than the preset distance, nearest 8.2 m").0, Tone::Bad);
         assert_eq!(line("own motion unknown: straight path").0, Tone::Warn);
         assert_eq!((line("waiting").0, line("recognition").0), (Tone::Bad, Tone::Plain));
         assert!(line("waiting").1.contains("████······"), "{lines:?}");

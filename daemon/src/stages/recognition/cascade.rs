@@ -5,6 +5,9 @@ use sources::limits::CASCADE;
 use std::borrow::Cow;
 use std::path::Path;
 
+/// Name of the built-in HOG model, which is often taken for a cascade.
+pub const PEOPLE: &str = "people";
+
 /// The XML of a cascade that ships with the daemon, by its name. It is not part of the program and has its own licence:
 /// see models/README.md.
 fn shipped(name: &Path) -> Option<&'static str> {
@@ -23,6 +26,9 @@ fn shipped(name: &Path) -> Option<&'static str> {
 pub fn text(path: &Path) -> std::io::Result<Cow<'static, str>> {
     match shipped(path) {
         Some(text) => Ok(Cow::Borrowed(text)),
+        None if path == Path::new(PEOPLE) && !path.exists() => {
+            Err(std::io::Error::other("the built-in model of people is a HOG model, no cascade"))
+        }
         None => bounded_file::read_text(path, &CASCADE).map(Cow::Owned),
     }
 }

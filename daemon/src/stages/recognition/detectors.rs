@@ -78,7 +78,7 @@ impl DetectorError {
 }
 
 const CASCADE_REMEDY: &str = "give an OpenCV cascade XML, vehicle for the one that ships (not in a build without the \
-                              feature models), or \"\" for none";
+                              feature models), or \"\" for none; a HOG model stands in [[recognition.detectors]]";
 const HOG_REMEDY: &str = "give a HOG model, or people for the one that ships";
 
 /// Minimum and maximum sides of the regions that a detector looks at, in metres.
@@ -240,7 +240,7 @@ fn cascade_recogniser(
 /// # Errors
 /// If the file cannot be read, or is too large.
 pub fn hog_text(path: &Path) -> std::io::Result<Cow<'static, str>> {
-    if path == Path::new("people") {
+    if path == Path::new(cascade::PEOPLE) {
         return Ok(Cow::Borrowed(include_str!("../../../../models/people.hog")));
     }
     bounded_file::read_text(path, &HOG_MODEL).map(Cow::Owned)

@@ -18,6 +18,9 @@ use perception::stereo::epipolar::{EpipolarCheck, EpipolarParameters, EpipolarSt
 /// exchanged while nothing runs, so this only finds a source that changes.
 const PAIRING_EVERY: u64 = 10;
 
+/// Frames from the start in which the pairing is looked at, until it is known: a recording may be short.
+const FIRST_LOOKS: u64 = 6;
+
 /// Longest time between two frames by which a correction moves, in seconds; a source may pause.
 const MAX_STEP_S: f64 = 0.2;
 
@@ -88,8 +91,9 @@ impl CalibrationMonitor {
     pub fn update(&mut self, pair: MatchedPair<'_>, source_ns: u64) {
         let phase = self.frames % self.every;
         self.frames += 1;
+        let is_first = self.frames <= FIRST_LOOKS && self.pairing.result() == Pairing::Unknown;
         // Not in the frame that bears the other check.
-        if phase == self.every / 2 {
+        if is_first || phase == self.every / 2 {
             if self.pairing.result() != Pairing::Pair || self.looks.is_multiple_of(PAIRING_EVERY) {
                 self.pairing.update(pair.left, pair.right);
                 self.judge();

@@ -136,9 +136,9 @@ async function takeFrame(frame, parts) {
 function tellAlarm({ level, reason, object, nearest_m: nearest }) {
   const ahead = nearest === null ? "" : `, ${metres(nearest)} ahead`;
   const more = `${reason || ""}${object ? `, ${alarmObject(object)}` : ""}${ahead}`;
-  if (level === "alarm") setAlarm("alarm", "ALARM", more);
-  else if (level === "warning") setAlarm("warning", "warning", more);
-  else if (level === "clear") setAlarm("clear", "clear", reason || "");
+  if (level === "alarm") setAlarm("alarm", "alarm raised", more);
+  else if (level === "warning") setAlarm("warning", "warning raised", more);
+  else if (level === "clear") setAlarm("clear", "alarm clear", reason || "");
   else setAlarm("off", "alarm off", reason || "");
 }
 

@@ -88,6 +88,15 @@ const WHOLE_LABELS = 6;
 // A picture that is shown much smaller has labels at the nearest only.
 const [SMALL_SCALE, SMALL_LABELS] = [1.3, 8];
 
+// Width of a label of 13 px with its outline, as style.css has it.
+const labelWidth = (() => {
+  const context = document.createElement("canvas").getContext("2d");
+  return (text) => {
+    context.font = "700 13px system-ui, sans-serif";
+    return context.measureText(text).width + 3;
+  };
+})();
+
 function placeLabels(frame, scale) {
   const placed = new Map();
   const [line, gap] = [14 * scale, 2 * scale];
@@ -123,7 +132,7 @@ function placeLabels(frame, scale) {
     const long = `${o.class === "obstacle" ? "" : o.class + " "}${o.distance_m.toFixed(1)} m` +
       (soon ? ` · ${o.time_to_collision_s.toFixed(1)} s` : "");
     const short = `${o.distance_m.toFixed(0)} m`;
-    const width = (text) => text.length * 7.5 * scale;
+    const width = (text) => labelWidth(text) * scale;
     const found = [[rank < WHOLE_LABELS ? long : short, atBox], [short, atBox], [short, away]].map(([text, where]) => () => {
       const at = where(o, width(text));
       return at && { ...at, text };

@@ -61,7 +61,7 @@ impl PairingCheck {
     /// Updates the result with a pair; images of another size are ignored. Something new is reported after three
     /// equal results, and what cannot be decided changes nothing.
     pub fn update(&mut self, left: GreyView<'_>, right: GreyView<'_>) -> Pairing {
-        let found = if are_identical(left, right) { Pairing::Identical } else { self.search(left, right) };
+        let found = self.of_one_pair(left, right);
         let is_same = std::mem::discriminant(&found) == std::mem::discriminant(&self.last);
         self.count = if is_same { self.count + 1 } else { 1 };
         self.last = found;
@@ -69,6 +69,11 @@ impl PairingCheck {
             self.result = found;
         }
         self.result
+    }
+
+    /// What a pair says alone, without others that agree.
+    pub fn of_one_pair(&mut self, left: GreyView<'_>, right: GreyView<'_>) -> Pairing {
+        if are_identical(left, right) { Pairing::Identical } else { self.search(left, right) }
     }
 
     fn search(&mut self, left: GreyView<'_>, right: GreyView<'_>) -> Pairing {

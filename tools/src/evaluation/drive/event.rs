@@ -96,6 +96,6 @@ mod tests {
         assert_eq!(kinds, expected);
         assert!(found[1].text.contains("track 7") && found[1].text.contains("in 2 frames"), "{found:?}");
         assert!(found[1].text.contains("12.0 m ahead, 0.6 m left"), "{found:?}");
-        assert!(found[3].text.starts_with("track 7, ALARM"), "{found:?}");
+        assert!(found[3].text.starts_with("track 7, alarm raised"), "{found:?}");
     }
 }

@@ -90,9 +90,9 @@ budget_ms = 60000
 TOML
 
 # 6. Calibrate, with boards that are held for as long as it takes to keep them.
-[ "$(grep -c -- 'lookout calibrate --live camera -c car.toml --board 9x6 --square-mm 25 -o rig.toml --report report' "$tutorial")" = 1 ] || fail "calibrate"
-say 'lookout calibrate --live camera -c car.toml --board 9x6 --square-mm 25 -o rig.toml --report report'
-lookout calibrate --live camera -c car.toml --board 9x6 --square-mm 25 -o rig.toml --report report >calibrate.out 2>calibrate.log &
+[ "$(grep -c -- 'lookout calibrate --live camera -c car.toml --board 9x6 --square-mm 25 -o rig.toml --report calibration' "$tutorial")" = 1 ] || fail "calibrate"
+say 'lookout calibrate --live camera -c car.toml --board 9x6 --square-mm 25 -o rig.toml --report calibration'
+lookout calibrate --live camera -c car.toml --board 9x6 --square-mm 25 -o rig.toml --report calibration >calibrate.out 2>calibrate.log &
 calibration=$!
 pids=$calibration
 for board in "$boards"/left-*.GREY; do
@@ -111,7 +111,7 @@ wait $calibration || fail "the calibration"
 pids=''
 grep -v 'not detected' calibrate.log | tail -n 8
 cat calibrate.out
-[ -s rig.toml ] && [ -s report/index.html ] || fail "no rig.toml, or no report"
+[ -s rig.toml ] && [ -s calibration/index.html ] || fail "no rig.toml, or no report"
 # shellcheck disable=SC2016
 sed -i 's/^# rig = .*/rig = "rig.toml"/' car.toml
 step 'lookout check-config car.toml' >check.log

@@ -155,6 +155,8 @@ fn what_is_no_recording_is_named_with_the_remedy() {
                 &["flat/left_1.png", "put it in quotes", "'cam0/*.png'"],
             ),
             ("replay --left one/left/1.png flat/left_1.png --right mixed", 2, &["put it in quotes"]),
+            ("replay one car.toml", 2, &["car.toml", "-c car.toml"]),
+            ("run car.toml", 2, &["car.toml", "a configuration is given with -c: -c car.toml"]),
             ("odometry one -o p.txt", 1, &["none named right", "lookout replay also takes"]),
             (
                 "calibrate empty --board 9x6 --square-mm 25 -o r.toml",
@@ -236,7 +238,8 @@ fn wrong_command_lines_name_the_argument() {
                 &["--rig", "there is no gone.toml.x now"],
             ),
             ("detect people drive/left/000000.png", 1, &["people", "a HOG model, no cascade", "vehicle"]),
-            ("evaluate recognition people --negatives drive/left", 2, &["--"]),
+            ("evaluate recognition people --negatives drive/left", 2, &["'--negatives'", "CASCADE"]),
+            ("train --negatives drive/left -o c.xml", 2, &["not provided", "--positives"]),
             ("init --left /dev/video0 -o i.toml", 1, &["--right", "--side-by-side"]),
             ("init --left a --right b --board pi4", 2, &["pi4", "rpi5"]),
             ("init --left a --right b --size 640 -o i.toml", 2, &["--size", "two whole numbers"]),

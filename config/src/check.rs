@@ -375,19 +375,6 @@ impl Checker<'_> {
             let text = "board.power_off = \"command\": name the program with board.power_off_command";
             self.add(place("board.power_off"), text.into());
         }
-        let cameras = &c.camera;
-        if c.source.kind == "camera"
-            && !cameras.side_by_side
-            && cameras.backend == "v4l2"
-            && cameras.left == cameras.right
-        {
-            let text = format!(
-                "camera.left and camera.right are both {:?}: name the device of each camera, or set camera.side_by_side if \
-                 one device delivers both images",
-                cameras.left
-            );
-            self.add(place("camera.right").or_else(|| place("camera.left")), text);
-        }
         self.detector_sizes(c, place("recognition.detectors"));
         if c.source.fps > 0.0 && c.source.fps < 0.01 {
             let text = format!("source.fps = {}: give 0, or at least 0.01", c.source.fps);

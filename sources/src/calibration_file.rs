@@ -93,7 +93,7 @@ fn open_sized(path: &Path, colour: bool, size: Option<(usize, usize)>) -> Result
     if path.ends_with(KITTI_RAW) {
         return rig_file::data_sets::kitti_raw(&text, colour, size).map_err(fail);
     }
-    let rig = if path.extension().is_some_and(|e| e == "toml") {
+    let (rig, size) = if path.extension().is_some_and(|e| e == "toml") {
         // A full rig file describes the unrectified cameras; its rectified rig is the one of the recordings.
         if text.lines().any(|l| l.trim_start().starts_with("layout")) {
             let file = rig_file::RigFile::from_toml(&text).map_err(fail)?;
@@ -101,11 +101,18 @@ fn open_sized(path: &Path, colour: bool, size: Option<(usize, usize)>) -> Result
         }
         let file: RigFile = toml_text::parse(&text).map_err(|e| fail(format!("{e}: {PLAIN_RIG}")))?;
         file.check_size(size).map_err(fail)?;
-        Rig { focal_px: file.focal_px, baseline_m: file.baseline_m, cx_px: file.cx_px, cy_px: file.cy_px }
+        let rig = Rig {
+            focal_px: file.focal_px,
+            baseline_m: file.baseline_m,
+            cx_px: file.cx_px,
+            cy_px: file.cy_px,
+        };
+        (rig, file.width.zip(file.height))
     } else {
-        kitti(&text, colour).map_err(fail)?
+        (kitti(&text, colour).map_err(fail)?, None)
     };
-    rig.checked().map(Calibration::Rectified).map_err(|e| fail(e.to_string()))
+    let rig = rig.checked().map_err(|e| fail(e.to_string()))?;
+    Ok(Calibration::Rectified { rig, size })
 }
 
 /// Size of the pictures beside a calibration, with one of them, where there are some.
@@ -209,9 +216,12 @@ mod tests {
         let path = folder.path().join("rig.toml");
         let plain = "focal_px = 879.0\nbaseline_m = 0.12\ncx_px = 320.0\ncy_px = 240.0\n";
         std::fs::write(&path, format!("{plain}width = 640\nheight = 480\n")).unwrap();
-        assert!(read_for(&path, true, (640, 480)).is_ok() && read(&path, true).is_ok());
+        assert!(read_for(&path, true, (640, 480)).is_ok());
+        assert!(!open(&path, true).unwrap().is_without_size());
         let error = read_for(&path, true, (320, 240)).unwrap_err().to_string();
         assert!(error.contains("640x480") && error.contains("320x240"), "{error}");
+        std::fs::write(&path, plain).unwrap();
+        assert!(open(&path, true).unwrap().is_without_size());
         std::fs::write(&path, format!("{plain}width = 640\n")).unwrap();
         assert!(read(&path, true).unwrap_err().to_string().contains("give both"));
     }

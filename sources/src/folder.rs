@@ -205,7 +205,7 @@ impl FolderSource {
         let calibration = calibration_file::open_for(file, is_colour, self.size)?;
         self.geometry = match &calibration {
             // The rig of a rectified pair says that there is one.
-            Calibration::Rectified(_) => Geometry::Rectified,
+            Calibration::Rectified { .. } => Geometry::Rectified,
             Calibration::Cameras(_) => Geometry::Unknown,
         };
         self.rig = Some(calibration.rig());

@@ -4,6 +4,53 @@ use super::{RIG, check, picture, write};
 use crate::support::Bench;
 
 #[test]
+fn calibrations_that_fit_are_told_nothing() {
+    let bench = Bench::new();
+    bench.record("drive", 1);
+    bench.record("kitti", 1);
+    std::fs::remove_file(bench.path("kitti/rig.toml")).unwrap();
+    // The principal point of KITTI's drives, as a share of the pictures.
+    let kitti = "P0: 440 0 157 0 0 440 110 0 0 0 1 0\nP1: 440 0 157 -52.8 0 440 110 0 0 0 1 0\n";
+    write(&bench, "kitti/calib.txt", kitti);
+    // Far from the middle, and even outside: the file says that it is for these pictures.
+    let off = RIG.replace("160.0", "80.0").replace("110.0", "55.0");
+    write(&bench, "off.toml", format!("{off}width = 320\nheight = 240\n"));
+    write(&bench, "outside.toml", format!("{}width = 320\nheight = 240\n", RIG.replace("110.0", "-20.0")));
+    write(&bench, "beside/rig.toml", format!("{off}width = 320\nheight = 240\n"));
+    write(&bench, "raw/calib_cam_to_cam.txt", KITTI_RAW);
+    for (folder, size) in [("beside", (640, 480)), ("raw", (640, 480))] {
+        for side in ["left", "right"] {
+            picture(&bench, &format!("{folder}/{side}/1.png"), size);
+        }
+    }
+    let pair = ["drive/left/000000.png", "drive/right/000000.png"];
+    for args in [
+        &["replay", "kitti", "--in-process"][..],
+        &["replay", "kitti", "--in-process", "--rig", "kitti/calib.txt"],
+        &["replay", "drive", "--in-process", "--rig", "off.toml"],
+        &["replay", "drive", "--in-process", "--rig", "outside.toml"],
+        &["replay", "drive", "--in-process", "--rig", "beside/rig.toml"],
+        &["replay", "drive", "--in-process", "--rig", "raw/calib_cam_to_cam.txt"],
+        &["obstacles", pair[0], pair[1], "--rig", "kitti/calib.txt"],
+        &["obstacles", pair[0], pair[1], "--rig", "off.toml"],
+        &["obstacles", pair[0], pair[1], "--rig", "beside/rig.toml"],
+        &["replay", "scene:drive", "--in-process", "--limit", "1"],
+    ] {
+        let output = bench.run(args);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{args:?}: {text}");
+        for part in ["principal point", "beside it", "WARN"] {
+            assert!(!text.contains(part), "{args:?}: {text}");
+        }
+    }
+    bench.assert_clean();
+}
+
+/// A rig that knows its size, with a principal point far from the middle.
+const KITTI_RAW: &str = "S_02: 340 260\nS_rect_02: 320 240\nP_rect_02: 440 0 80 0 0 440 55 0 0 0 1 0\n\
+                         S_03: 340 260\nS_rect_03: 320 240\nP_rect_03: 440 0 80 -52.8 0 440 55 0 0 0 1 0\n";
+
+#[test]
 fn calibrations_that_do_not_fit_are_told() {
     let bench = Bench::new();
     bench.record("drive", 1);

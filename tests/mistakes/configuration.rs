@@ -3,6 +3,11 @@
 use super::{check, write};
 use crate::support::Bench;
 
+/// Cameras of OpenCV without the size of their pictures.
+const OPENCV: &str = "M1: [440, 0, 160, 0, 440, 110, 0, 0, 1]\nD1: [0, 0, 0, 0, 0]\n\
+                      M2: [440, 0, 160, 0, 440, 110, 0, 0, 1]\nD2: [0, 0, 0, 0, 0]\n\
+                      R: [1, 0, 0, 0, 1, 0, 0, 0, 1]\nT: [-0.12, 0, 0]\n";
+
 #[test]
 fn mistakes_in_a_configuration_have_file_line_and_remedy() {
     let bench = Bench::new();
@@ -53,6 +58,15 @@ fn mistakes_in_a_configuration_have_file_line_and_remedy() {
             "one_camera.toml",
             "[source]\nkind = \"camera\"\n[camera]\nleft = \"/dev/video7\"\nright = \"/dev/video7\"\n",
         ),
+        ("left_only.toml", "[source]\nkind = \"camera\"\n[camera]\nleft = \"/dev/video2\"\n"),
+        ("camera_half.toml", "[source]\nkind = \"camera\"\nrig = \"half.rig.toml\"\n"),
+        ("camera_outside.toml", "[source]\nkind = \"camera\"\nrig = \"outside.rig.toml\"\n"),
+        ("outside.rig.toml", "focal_px = 440\nbaseline_m = 0.12\ncx_px = 960\ncy_px = 540\n"),
+        ("camera_rectify.toml", "[source]\nkind = \"camera\"\nrig = \"middle.rig.toml\"\nrectify = true\n"),
+        ("middle.rig.toml", "focal_px = 440\nbaseline_m = 0.12\ncx_px = 320\ncy_px = 240\n"),
+        ("opencv.toml", "[source]\nkind = \"folder\"\npath = \"drive\"\nrig = \"opencv.yml\"\n"),
+        ("opencv.yml", OPENCV),
+        ("videos.toml", "[source]\nkind = \"recording\"\nleft = \"gone.mp4\"\nright = \"gone_too.mp4\"\n"),
         (
             "detectors.toml",
             "[recognition]\ncascade = \"gone.xml\"\n[[recognition.detectors]]\nkind = \"hog\"\nmodel = \"gone.hog\"\n",
@@ -129,8 +143,34 @@ fn mistakes_in_a_configuration_have_file_line_and_remedy() {
             (
                 "check-config one_camera.toml",
                 1,
-                &["one_camera.toml:5", "camera.left and camera.right", "side_by_side"],
+                &["one_camera.toml:5: camera.left", "camera.right", "are one device", "side_by_side"],
             ),
+            ("check-config left_only.toml", 1, &["left_only.toml:4: camera.left", "are one device"]),
+            ("run -c one_camera.toml", 1, &["are one device", "side_by_side"]),
+            // What options replace or complete is no mistake of the file.
+            ("replay drive --in-process -c one_camera.toml", 0, &[]),
+            (
+                "run -c one_camera.toml --set camera.side_by_side=true",
+                1,
+                &["source.rig is empty", "lookout calibrate --live camera"],
+            ),
+            (
+                "check-config camera_half.toml",
+                0,
+                &["half.rig.toml", "far from the middle", "640x480", "source.rig"],
+            ),
+            (
+                "check-config camera_outside.toml",
+                1,
+                &["camera_outside.toml:3: ", "outside.rig.toml", "640x480", "another size"],
+            ),
+            (
+                "check-config camera_rectify.toml",
+                1,
+                &["camera_rectify.toml:4: source.rectify is true", "describes rectified pictures"],
+            ),
+            ("check-config opencv.toml", 0, &[]),
+            ("check-config videos.toml", 1, &["videos.toml:3: source.left", "gone.mp4", "no such file"]),
             (
                 "check-config detectors.toml",
                 1,

@@ -8,7 +8,9 @@ use crate::stages::whole_number::whole;
 use crate::{can_out, input};
 use clap::Args;
 use config::Config;
-use sources::{PairSource, calibration_file};
+use perception::rig::Rig;
+use sources::video::VideoFiles;
+use sources::{PairSource, SourceError, calibration_file};
 use std::path::PathBuf;
 
 /// Text below the options of `--help`.
@@ -34,18 +36,22 @@ pub fn run(args: &CheckConfig) -> Result<(), CommandError> {
     let config = config::load(args.file.as_deref())?;
     // What is doubtful of files that can be used.
     crate::logging::start("check-config", "warn");
+    let place = |key: &str| config::place(args.file.as_deref(), key);
     // Files that the configuration names have to exist and be valid, too: all that are not are told at once.
     let wrong: Vec<String> = wrong_files(&config)
         .into_iter()
-        .map(|(key, text)| config::place(args.file.as_deref(), key) + &text)
+        .map(|(key, text)| match place(key) {
+            // The other camera is that of the profile or the default.
+            none if none.is_empty() && key == "camera.right" => place("camera.left") + &text,
+            place => place + &text,
+        })
         .collect();
     if !wrong.is_empty() {
         return Err(CommandError::Lines(wrong.join("\n")));
     }
     for (key, path) in absent_cameras(&config) {
-        let place = config::place(args.file.as_deref(), key);
         // No error: the file may be for another machine.
-        eprintln!("lookout: note: {place}{key}: there is no {} on this machine now", path.display());
+        eprintln!("lookout: note: {}{key}: there is no {} on this machine now", place(key), path.display());
     }
     if config.source.kind == "camera" && config.source.rig.as_os_str().is_empty() {
         eprintln!("lookout: note: {}", InputError::NoRigOfCameras);
@@ -117,44 +123,80 @@ fn wrong_source_and_rig(config: &Config) -> Vec<(&'static str, String)> {
     if source.kind == "camera" {
         // The cameras themselves may be those of another machine.
         let one = input::check_two_cameras(config).err().map(|error| ("camera.right", error.to_string()));
-        let size = (whole(camera.width), whole(camera.height));
-        let rig = (!source.rig.as_os_str().is_empty())
-            .then(|| calibration_file::open_for(&source.rig, true, size))
-            .and_then(|rig| match rig {
-                Ok(rig) => rig.rig_for(size).err().map(|error| format!("{}: {error}", source.rig.display())),
-                Err(error) => Some(error.to_string()),
-            });
-        let rig = rig.map(|error| ("source.rig", format!("source.rig: {error}")));
-        return one.into_iter().chain(rig).collect();
+        let cameras = AbsentCameras { size: (whole(camera.width), whole(camera.height)) };
+        return one.into_iter().chain(wrong_rig(config, Box::new(cameras))).collect();
     }
-    let mut wrong = Vec::new();
-    if !source.rig.as_os_str().is_empty()
-        && let Err(error) = calibration_file::read(&source.rig, true)
-    {
-        wrong.push(("source.rig", format!("source.rig: {error}")));
+    match open(config) {
+        Ok(opened) => wrong_rig(config, opened).into_iter().collect(),
+        Err(error) => unreadable_rig(config).into_iter().chain([error]).collect(),
     }
-    let opened = open(config);
-    match opened {
-        Err(error) => wrong.push(error),
-        Ok(_) if !wrong.is_empty() => {}
-        Ok(opened) => {
-            let fits =
-                input::rectified(config, opened).and_then(|opened| input::rig(config, opened.as_ref()));
-            wrong.extend(fits.err().map(|error| match &error {
-                InputError::NoCameras | InputError::NoDistortion(_) | InputError::Distorted(_) => {
-                    ("source.rectify", error.to_string())
-                }
-                _ => ("source.rig", error.to_string()),
-            }));
+}
+
+/// What `run` would refuse of the rig for the pictures of a source.
+fn wrong_rig(config: &Config, source: Box<dyn PairSource>) -> Option<(&'static str, String)> {
+    let fits = input::rectified(config, source).and_then(|opened| input::rig(config, opened.as_ref()));
+    let error = fits.err()?;
+    let key = match &error {
+        // Told as a note: it can be named later.
+        InputError::NoRigOfCameras => return None,
+        InputError::Source(error) if !config.source.rig.as_os_str().is_empty() => {
+            return Some(("source.rig", format!("source.rig: {error}")));
         }
+        InputError::NoCameras | InputError::NoDistortion(_) | InputError::Distorted(_) => "source.rectify",
+        _ => "source.rig",
+    };
+    Some((key, error.to_string()))
+}
+
+/// What is wrong with the named rig, whatever the size of the pictures, which is not known.
+fn unreadable_rig(config: &Config) -> Option<(&'static str, String)> {
+    /// For formats that do not always say the size.
+    const ANY_SIZE: (usize, usize) = (640, 480);
+    let rig = &config.source.rig;
+    if rig.as_os_str().is_empty() || calibration_file::open_for(rig, true, ANY_SIZE).is_ok() {
+        return None;
     }
-    wrong
+    let error = calibration_file::open(rig, true).err()?;
+    Some(("source.rig", format!("source.rig: {error}")))
+}
+
+/// Stands for cameras that are not asked for pictures.
+struct AbsentCameras {
+    size: (usize, usize),
+}
+
+impl PairSource for AbsentCameras {
+    fn size(&self) -> (usize, usize) {
+        self.size
+    }
+
+    fn rig(&self) -> Option<Rig> {
+        None
+    }
+
+    fn count(&self) -> Option<u64> {
+        None
+    }
+
+    fn period_ns(&self) -> u64 {
+        1
+    }
+
+    fn read(&mut self, index: u64, _: &mut [u8], _: &mut [u8]) -> Result<(), SourceError> {
+        Err(SourceError::End { index, count: 0 })
+    }
 }
 
 /// Opens the source; if that fails, says with which key.
 fn open(config: &Config) -> Result<Box<dyn PairSource>, (&'static str, String)> {
     let source = &config.source;
     let has_patterns = input::has_patterns(config);
+    let is_named_by_pictures = has_patterns
+        && (source.kind == "folder"
+            || matches!(
+                VideoFiles::named(&source.path, &source.left, &source.right),
+                Some(VideoFiles::Two(..))
+            ));
     if ["folder", "recording"].contains(&&source.kind[..])
         && !has_patterns
         && !source.path.as_os_str().is_empty()
@@ -173,8 +215,8 @@ fn open(config: &Config) -> Result<Box<dyn PairSource>, (&'static str, String)> 
         let key = match &error {
             InputError::NoPath => return ("source.path", text),
             InputError::OnePattern => return ("source.left", text),
-            _ if has_patterns && source.kind == "folder" && names(&source.right) => "source.right",
-            _ if has_patterns && source.kind == "folder" => "source.left",
+            _ if is_named_by_pictures && names(&source.right) && !names(&source.left) => "source.right",
+            _ if is_named_by_pictures => "source.left",
             _ => "source.path",
         };
         (key, format!("{key}: {text}"))

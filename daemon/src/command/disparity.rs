@@ -167,7 +167,7 @@ pub fn read_pair_as(left: &Path, right: &Path, how: Interpretation) -> Result<Gr
 
 /// Also the depth of 16-bit images that was found.
 fn read(left: &Path, right: &Path, how: Interpretation) -> Result<(GreyPair, Option<u8>), CommandError> {
-    if let Some(path) = [left, right].into_iter().find(|path| !path.exists()) {
+    if let Some(path) = [left, right].into_iter().find(|path| matches!(path.try_exists(), Ok(false))) {
         return Err(CommandError::Other(format!(
             "{}: there is no such file: give an image file",
             path.display()

@@ -3,7 +3,7 @@
 use crate::command::disparity::read_pair_as;
 use crate::command::error::CommandError;
 use crate::in_process::Pipeline;
-use crate::input::{self, rig_fit};
+use crate::input;
 use crate::scheduler::RunError;
 use config::Config;
 use perception::rig::Rig;
@@ -64,8 +64,7 @@ pub(super) fn pipeline(
         read_pair_as(left, right, input::interpretation(config))?;
     let mut config = config.clone();
     config.source.rig = rig_path.to_owned();
-    let rig = input::named_rig(rig_path, true, (width, height))?;
-    rig_fit::check(&rig, (width, height), &rig_path.display().to_string()).map_err(RunError::from)?;
+    let rig = input::named_rig(rig_path, true, (width, height)).map_err(RunError::from)?;
     let source = OnePair { left: left_pixels, right: right_pixels, size: (width, height), rig };
     let source = input::rectified(&config, Box::new(source)).map_err(RunError::from)?;
     let pipeline = Pipeline::new(&config, source, rig)

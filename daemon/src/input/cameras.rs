@@ -12,21 +12,20 @@ use sources::camera::{CameraSource, Exposure, ExposureMode, Opener, Settings};
 /// # Errors
 /// If this build lacks the backend, or the configuration names no device.
 pub fn source(config: &Config) -> Result<CameraSource, InputError> {
-    let c = &config.camera;
-    if c.left.as_os_str().is_empty() || (!c.side_by_side && c.right.as_os_str().is_empty()) {
-        return Err(InputError::NoCamera);
-    }
     check_two_cameras(config)?;
     let settings = settings(config);
     Ok(CameraSource::new(opener(config)?, settings, messages::clock::monotonic_ns))
 }
 
-/// Checks that left and right are not one device, by whatever names.
+/// Checks that the devices are named, and that left and right are not one, by whatever names.
 ///
 /// # Errors
-/// If they are.
+/// If they are not named, or are one.
 pub fn check_two_cameras(config: &Config) -> Result<(), InputError> {
     let c = &config.camera;
+    if c.left.as_os_str().is_empty() || (!c.side_by_side && c.right.as_os_str().is_empty()) {
+        return Err(InputError::NoCamera);
+    }
     // Two pipelines may have the same text.
     if c.side_by_side || c.backend != "v4l2" || sources::check_two_files(&c.left, &c.right).is_ok() {
         return Ok(());

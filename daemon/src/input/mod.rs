@@ -13,7 +13,7 @@ pub use error::InputError;
 use perception::rig::Rig;
 pub use rectification::rectified;
 use sources::bayer::Bayer;
-use sources::calibration_file::{self, Calibration};
+use sources::calibration_file;
 use sources::folder::{FolderOptions, FolderSource};
 use sources::picture::Interpretation;
 use sources::recording::RecordingSource;
@@ -117,12 +117,16 @@ pub fn rig(config: &Config, source: &dyn PairSource) -> Result<Rig, InputError> 
             "camera" => InputError::NoRigOfCameras,
             _ => InputError::NoRig(name(config)),
         })?;
-        let file = source.rig_file().map_or_else(|| name(config), |file| file.display().to_string());
-        rig_fit::check(&rig, source.size(), &file)?;
+        // Scenes, recordings and rectified pictures have no such file, and know the size.
+        if let Some(file) = source.rig_file()
+            && calibration_file::open_for(file, source.has_colour_cameras(), source.size())
+                .is_ok_and(|calibration| calibration.is_without_size())
+        {
+            rig_fit::check(&rig, source.size(), &file.display().to_string())?;
+        }
         return Ok(rig);
     }
-    let rig = named_rig(named, source.has_colour_cameras(), source.size()).map_err(InputError::Rig)?;
-    rig_fit::check(&rig, source.size(), &named.display().to_string())?;
+    let rig = named_rig(named, source.has_colour_cameras(), source.size())?;
     rectification::tell_cameras_beside(config, source);
     Ok(rig)
 }
@@ -131,13 +135,15 @@ pub fn rig(config: &Config, source: &dyn PairSource) -> Result<Rig, InputError> 
 ///
 /// # Errors
 /// If it cannot be read, or is for pictures of another size.
-pub fn named_rig(path: &Path, has_colour_cameras: bool, size: (usize, usize)) -> Result<Rig, SourceError> {
-    let fail = |reason: String| SourceError::Calibration { path: path.to_owned(), reason };
-    let calibration = calibration_file::open_for(path, has_colour_cameras, size)?;
-    if let Calibration::Rectified(_) = calibration {
+pub fn named_rig(path: &Path, has_colour_cameras: bool, size: (usize, usize)) -> Result<Rig, InputError> {
+    let fail = |reason: String| InputError::Rig(SourceError::Calibration { path: path.to_owned(), reason });
+    let calibration = calibration_file::open_for(path, has_colour_cameras, size).map_err(InputError::Rig)?;
+    let rig = calibration.rig_for(size).map_err(fail)?;
+    if calibration.is_without_size() {
         rig_fit::tell_pictures_beside(path, size);
+        rig_fit::check(&rig, size, &path.display().to_string())?;
     }
-    calibration.rig_for(size).map_err(fail)
+    Ok(rig)
 }
 
 /// What the source is called in errors.

@@ -28,7 +28,7 @@ pub fn rectified(config: &Config, source: Box<dyn PairSource>) -> Result<Box<dyn
         let path = path.ok_or(InputError::NoCameras)?;
         return match read(&path)? {
             Calibration::Cameras(file) => Ok(Box::new(RectifiedSource::new(source, &file, path)?)),
-            Calibration::Rectified(_) => Err(InputError::NoDistortion(path)),
+            Calibration::Rectified { .. } => Err(InputError::NoDistortion(path)),
         };
     }
     let calibration = path.as_deref().map(read).transpose()?;

@@ -39,6 +39,7 @@ pub use start::Process;
 use start::{
     check_memory, launch, open_source, pacer_parameters, prepare_outputs, roles, supervisor_parameters,
 };
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -443,8 +444,12 @@ impl Run {
     /// Fails the run and stops the stages. Only the first reason is kept.
     fn fail(&mut self, reason: String, now: u64) {
         if self.failure.is_none() && self.phase != Phase::Stopping {
-            // The command says it at the end.
-            tracing::debug!("the run fails: {reason}");
+            // The command says it at the end; a service's log has it with its level, too, where that is another place.
+            if self.options.ends == Ends::Never && !std::io::stderr().is_terminal() {
+                tracing::error!("{reason}");
+            } else {
+                tracing::debug!("the run fails: {reason}");
+            }
             self.failure = Some(reason);
             self.stop_stages(now);
         }

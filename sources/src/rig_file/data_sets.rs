@@ -24,7 +24,8 @@ pub fn kitti_raw(text: &str, colour: bool, size: Option<(usize, usize)>) -> Resu
         let l: [f64; 12] = values(text, &key("P_rect", left))?;
         let r: [f64; 12] = values(text, &key("P_rect", right))?;
         let rig = Rig { focal_px: l[0], baseline_m: (l[3] - r[3]) / l[0], cx_px: l[2], cy_px: l[6] };
-        return rig.checked().map(Calibration::Rectified).map_err(|e| e.to_string());
+        let rig = rig.checked().map_err(|e| e.to_string())?;
+        return Ok(Calibration::Rectified { rig, size: Some(rectified) });
     }
     if size != raw {
         return Err(format!(
@@ -122,7 +123,9 @@ mod tests {
 
     #[test]
     fn the_raw_drives_of_kitti_are_read_rectified_and_not() {
-        let Calibration::Rectified(rig) = kitti_raw(&text(), true, Some((90, 40))).unwrap() else {
+        let Calibration::Rectified { rig, size: Some((90, 40)) } =
+            kitti_raw(&text(), true, Some((90, 40))).unwrap()
+        else {
             panic!("rectified pictures")
         };
         assert_eq!((rig.focal_px, rig.cx_px, rig.cy_px), (70.0, 45.0, 20.0));

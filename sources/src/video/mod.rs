@@ -43,13 +43,17 @@ impl VideoFiles {
             Self::SideBySide(path) => (path, None),
             Self::Two(left, right) => (left, Some(right)),
         };
-        match [Some(first), second].into_iter().flatten().find(|path| !path.exists()) {
-            Some(path) => Err(SourceError::Foreign {
-                path: path.clone(),
-                explanation: "there is no such file: give the path of a video".into(),
-            }),
-            None => Ok(()),
+        for path in [Some(first), second].into_iter().flatten() {
+            let is_there =
+                path.try_exists().map_err(|source| SourceError::Io { path: path.clone(), source })?;
+            if !is_there {
+                return Err(SourceError::Foreign {
+                    path: path.clone(),
+                    explanation: "there is no such file: give the path of a video".into(),
+                });
+            }
         }
+        Ok(())
     }
 }
 
@@ -134,7 +138,7 @@ impl VideoSource {
         let beside = CALIBRATIONS.map(|name| video.with_file_name(name));
         let Some(file) = beside.into_iter().find(|file| file.is_file()) else { return Ok(()) };
         let calibration = calibration_file::open_for(&file, true, self.size)?;
-        if let Calibration::Rectified(_) = calibration {
+        if let Calibration::Rectified { .. } = calibration {
             self.geometry = Geometry::Rectified;
         }
         (self.rig, self.rig_file) = (Some(calibration.rig()), Some(file));

@@ -114,7 +114,7 @@ pub fn run(args: &Calibrate, recording: &Path, log: Option<&str>) -> Result<(), 
 fn cameras(read: Calibration, size: (usize, usize)) -> RigFile {
     match read {
         Calibration::Cameras(file) => *file,
-        Calibration::Rectified(rig) => rectified_rig(&rig, size),
+        Calibration::Rectified { rig, .. } => rectified_rig(&rig, size),
     }
 }
 

@@ -92,7 +92,7 @@ impl CalibrationMonitor {
         let phase = self.frames % self.every;
         self.frames += 1;
         let is_first = self.frames <= FIRST_LOOKS && self.pairing.result() == Pairing::Unknown;
-        // Not in the frame that bears the other check.
+        // Not in the frame that bears the other check, but for the first ones: a recording may have no others.
         if is_first || phase == self.every / 2 {
             if self.pairing.result() != Pairing::Pair || self.looks.is_multiple_of(PAIRING_EVERY) {
                 self.pairing.update(pair.left, pair.right);

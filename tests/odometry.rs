@@ -5,6 +5,7 @@ use crate::support::{Bench, Need, python, shared_data, skip};
 use perception::motion::pose::Pose;
 use serde_json::Value;
 use sources::motion_file::{read_oxts, read_poses};
+use sources::scene::Scene;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use tools::reporting::poses::pose_line;
@@ -45,6 +46,20 @@ fn every_frame_has_a_pose() {
     let error = bench.fails(&["odometry", &recording, "-o", "none/poses.txt"]);
     assert!(error.contains("none/poses.txt") && error.contains("-o"), "{error}");
     assert!(bench.fails(&["odometry", "none", "-o", "p.txt"]).contains("none"));
+}
+
+#[test]
+fn a_start_at_the_speed_of_a_motorway_is_known() {
+    for seed in [4, 10] {
+        let bench = Bench::new();
+        let mut scene = Scene::open(&format!("random?seed={seed}")).unwrap();
+        let truth: Vec<f64> = [3, 7].map(|k| scene.truth(k).motion.pose.translation_m[2]).to_vec();
+        bench.ok(&["odometry", &format!("scene:random?seed={seed}"), "--limit", "8", "-o", "poses.txt"]);
+        let poses = read_poses(&bench.path("poses.txt")).unwrap().poses;
+        let way_m = poses[7].translation_m[2] - poses[3].translation_m[2];
+        let true_m = truth[1] - truth[0];
+        assert!(true_m > 6.0 && (way_m - true_m).abs() < 0.05 * true_m, "seed {seed}: {way_m} of {true_m} m");
+    }
 }
 
 #[test]

@@ -319,7 +319,7 @@ fn watched(bench: &Bench, file: &str) -> Vec<Value> {
 fn the_watched_fleet_follows_a_vehicle_and_its_daemon() {
     let bench = Bench::new();
     let endpoint = endpoint();
-    configure(&bench, &format!("mode = \"peer\"\nconnect = \"\"\nlisten = \"{endpoint}\"\nstatus_hz = 2\n"));
+    configure(&bench, &format!("mode = \"peer\"\nconnect = \"\"\nlisten = \"{endpoint}\"\nstatus_hz = 1\n"));
     let recording = bench.record("drive", 20);
     let bridge = start_bridge(&bench);
     let set = format!("bridge.connect={endpoint}");

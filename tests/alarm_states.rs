@@ -45,8 +45,12 @@ fn every_frame_tells_why_and_the_summary_counts() {
             assert_eq!(object.is_null(), alarm["nearest_m"].is_null(), "{alarm}");
         }
     }
-    for folder in ["a", "b"] {
-        let summary = json(&bench.path(folder).join("summary.json"));
+    let summaries = ["a", "b"].map(|folder| json(&bench.path(folder).join("summary.json")));
+    for field in ["alarms", "alarm_changes"] {
+        assert_eq!(summaries[0][field], summaries[1][field], "{field}");
+    }
+    assert!(summaries[0]["alarm_changes"].as_array().is_some_and(|changes| changes.len() > 1));
+    for (folder, summary) in ["a", "b"].into_iter().zip(summaries) {
         let (frames, seconds) = times(&summary);
         assert_eq!(frames, levels, "{folder}: {summary}");
         // The last frame has no time yet.

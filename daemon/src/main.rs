@@ -1,5 +1,6 @@
 //! `lookout`: stereo obstacle detection ahead of a vehicle. The daemon, its stages and all subcommands.
 
+mod alarm_log;
 mod alarm_tally;
 #[cfg(feature = "zenoh")]
 mod bridge;

@@ -16,7 +16,7 @@ use sources::recording::VehicleLine;
 use std::collections::BTreeMap;
 use tools::reporting::alarm_times::AlarmTimes;
 use tools::reporting::motion::MotionLine;
-use tools::reporting::record::{AlarmLine, AlarmObject, tidy};
+use tools::reporting::record::{AlarmLine, AlarmObject, tidy, tidy_finite};
 use tools::reporting::space::centimetres;
 
 /// The status as JSON.
@@ -190,7 +190,7 @@ impl StatusJson {
             alarm_changes: status.alarm_changes.iter().map(|(_, change)| change.into()).collect(),
             alarms: status.alarms,
             obstacles: status.obstacles,
-            nearest_m: Some(status.alarm.nearest_m).filter(|m| m.is_finite()),
+            nearest_m: tidy_finite(status.alarm.nearest_m),
             free_ahead_m: status.alarm.space.free_ahead_m(status.alarm.path_half_width_m).map(centimetres),
             boundaries: status.alarm.space.boundaries,
             deadline: DeadlineJson {

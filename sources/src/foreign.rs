@@ -6,13 +6,14 @@ use std::io::Read;
 use std::path::Path;
 
 /// Endings of video files, in lower case.
-const VIDEOS: [&str; 12] =
-    ["mp4", "mkv", "avi", "mov", "webm", "m4v", "mpg", "mpeg", "ts", "h264", "h265", "mjpeg"];
+const VIDEOS: [&str; 13] =
+    ["mp4", "mkv", "avi", "mov", "webm", "ogv", "m4v", "mpg", "mpeg", "ts", "h264", "h265", "mjpeg"];
 
 /// The first bytes of a file that tell its format.
 const MAGIC_BYTES: usize = 16;
 
-/// The remedy for videos without ffmpeg. Its parts in braces are the path.
+/// The remedy for videos without a decoder. Its parts in braces are the path.
+#[cfg(not(feature = "gstreamer"))]
 const VIDEO: &str = "a video, which lookout replay decodes with ffmpeg, and that is not on the PATH: install it (apt install \
                      ffmpeg). Or write pictures, from one video with both images side by side: ffmpeg -i {} -vf crop=iw/2:ih:0:0 left/%06d.png -vf crop=iw/2:ih:iw/2:0 right/%06d.png, \
                      from two: ffmpeg -i LEFT -i RIGHT -map 0 left/%06d.png -map 1 right/%06d.png, into folders left and right \
@@ -24,7 +25,8 @@ pub fn is_video(path: &Path) -> bool {
     VIDEOS.contains(&&ending[..])
 }
 
-/// What to do with a video where there is no ffmpeg.
+/// What to do with a video where nothing decodes it.
+#[cfg(not(feature = "gstreamer"))]
 pub fn video_without_ffmpeg(path: &Path) -> String {
     VIDEO.replace("{}", &path.display().to_string())
 }

@@ -1,5 +1,6 @@
 //! `lookout replay`.
 
+use crate::alarm_log::AlarmLog;
 use crate::alarm_tally::{AlarmTally, alarm_times};
 use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
@@ -47,7 +48,7 @@ whose names differ by left and right, and their camera_info. A truncated file is
 complete chunk.
 
 PATH may also be a video with both images side by side; --left and --right may name two. They are
-decoded by ffmpeg on the PATH.
+decoded by ffmpeg on the PATH, or by GStreamer where that is built in.
 
 scene:NAME is a synthetic scene with its own rig: a built-in one (drive, street, crest, dip, slope,
 bend, roll, overtaken, bridge, lamps, wet, textureless, bus, car-body, car-rear, green-belt, cone,
@@ -224,6 +225,7 @@ fn in_process(args: &Replay, config: &Config, out: Option<&Path>) -> Result<(), 
     let start = Instant::now();
     let mut left_out = LeftOut::default();
     let (mut motion, mut alarm) = (MotionTally::default(), AlarmTally::default());
+    let mut alarm_log = AlarmLog::default();
     for sequence in 0..frames {
         let result = pipeline.frame(sequence, sequence % count.max(1));
         let Some(result) = left_out.unless_broken(sequence, config.source.strict, result)? else {
@@ -232,6 +234,7 @@ fn in_process(args: &Replay, config: &Config, out: Option<&Path>) -> Result<(), 
         };
         motion.add(&result.record.motion);
         alarm.add(sequence, result.source_ns, &result.alarm);
+        alarm_log.add(sequence, &result.alarm);
         if let Some(writer) = &mut writer {
             writer.write(&result.record, Some(result.images))?;
         }
@@ -251,6 +254,8 @@ fn in_process(args: &Replay, config: &Config, out: Option<&Path>) -> Result<(), 
         frames,
         unreadable,
         motion,
+        alarms: alarm_log.alarms(),
+        alarm_changes: alarm_log.changes().to_vec(),
         alarm_times,
         ..RunSummary::default()
     };

@@ -2,9 +2,9 @@
 
 use super::cores::CorePlan;
 use super::supervisor::Supervisor;
+use crate::alarm_log::{AlarmLog, MAX_CHANGES};
 use crate::alarm_tally::{AlarmTally, alarm_times};
-use crate::frame_record::alarm_object;
-use messages::alarm::{self, Faults};
+use messages::alarm::Faults;
 use messages::alarm_change::AlarmChanges;
 use messages::alarm_time::AlarmTimeRecord;
 use messages::calibration::{CalibrationCause, CalibrationRecord, CalibrationState};
@@ -18,14 +18,11 @@ use messages::source_time::SourceTimeRecord;
 use messages::status::{ProcessRecord, WARM_FRAMES};
 use tools::reporting::motion::MotionTally;
 use tools::reporting::summary::{
-    AlarmChange, CalibrationChange, Latency, Percentiles, ProcessSummary, RunSummary, SourceTimeSummary,
+    CalibrationChange, Latency, Percentiles, ProcessSummary, RunSummary, SourceTimeSummary,
 };
 
 /// Maximum number of frames whose times are kept individually.
 const MAX_TRACES: usize = 20_000;
-
-/// Maximum number of changes of the alarm, and of the calibration, that are kept.
-const MAX_CHANGES: usize = 100;
 
 /// Times of one frame, in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,11 +91,7 @@ pub struct Collector {
     /// Sequence of the last of them, and the reason.
     last_unreadable: Option<(u64, String)>,
     last_sequence: Option<u64>,
-    /// Number of times that the level `alarm` was entered.
-    pub alarms: u32,
-    /// Level and rule of the alarm that were logged last.
-    alarm_logged: Option<(u32, u32)>,
-    alarm_changes: Vec<AlarmChange>,
+    alarm_log: AlarmLog,
     alarm_tally: AlarmTally,
     /// The vehicle's own motion over all results.
     pub motion: MotionTally,
@@ -136,9 +129,7 @@ impl Collector {
             unreadable: 0,
             last_unreadable: None,
             last_sequence: None,
-            alarms: 0,
-            alarm_logged: None,
-            alarm_changes: Vec::new(),
+            alarm_log: AlarmLog::default(),
             alarm_tally: AlarmTally::default(),
             motion: MotionTally::default(),
             status_ns: now_ns,
@@ -269,50 +260,20 @@ impl Collector {
     /// Adds the alarm of a frame, and logs it if its level or rule has changed.
     pub fn alarm(&mut self, header: &Header, record: &AlarmRecord) {
         self.alarm_tally.add(header.sequence, header.source_ns, record);
-        self.log_alarm(header.sequence, record);
-    }
-
-    /// Logs and keeps a change of the alarm's level or rule.
-    fn log_alarm(&mut self, sequence: u64, record: &AlarmRecord) {
-        let now = (record.level, record.rule);
-        if self.alarm_logged == Some(now) {
-            return;
-        }
-        let before = self.alarm_logged.replace(now).map_or(alarm::OFF, |(level, _)| level);
-        let (level, rule) = (alarm::level_name(record.level), alarm::rule_name(record.rule));
-        let finite = |v: f64| v.is_finite().then_some((v * 100.0).round() / 100.0);
-        let change = AlarmChange {
-            sequence,
-            level: level.into(),
-            rule: rule.map(Into::into),
-            track: (record.track > 0).then_some(record.track),
-            nearest_m: finite(record.nearest_m),
-            time_to_collision_s: finite(record.time_to_collision_s),
-            required_deceleration_m_s2: finite(record.required_deceleration_m_s2).filter(|a| *a > 0.0),
-            reason: record.reason(),
-            object: alarm_object(record),
-        };
-        if record.level > before.max(alarm::CLEAR) || record.level == alarm::OFF {
-            tracing::warn!("{change}");
-        } else {
-            tracing::info!("{change}");
-        }
-        if record.level == alarm::ALARM && before != alarm::ALARM {
-            self.alarms += 1;
-        }
-        if self.alarm_changes.len() < MAX_CHANGES {
-            self.alarm_changes.push(change);
-        }
+        self.alarm_log.add(header.sequence, record);
     }
 
     /// The scheduler has switched the alarm off because of `faults`. Without faults, nothing changes.
     pub fn alarm_off(&mut self, faults: Faults) {
         if !faults.is_none() {
             self.alarm_tally.withdraw(faults);
+            self.alarm_log.withdraw(self.last_sequence.unwrap_or(0), faults);
         }
-        if !faults.is_none() && self.alarm_logged.is_some_and(|(level, _)| level != alarm::OFF) {
-            self.log_alarm(self.last_sequence.unwrap_or(0), &AlarmRecord::off(faults));
-        }
+    }
+
+    /// How often the level became "alarm".
+    pub fn alarms(&self) -> u32 {
+        self.alarm_log.alarms()
     }
 
     /// Frames and time in each level of the alarm.
@@ -442,9 +403,9 @@ impl Collector {
             source_time: source_time_summary(&self.source_time()),
             processes,
             shared_bytes,
-            alarms: self.alarms,
+            alarms: self.alarm_log.alarms(),
             alarm_times: alarm_times(&self.alarm_tally.record()),
-            alarm_changes: self.alarm_changes.clone(),
+            alarm_changes: self.alarm_log.changes().to_vec(),
             motion: self.motion.summary(),
             calibration: self.calibration_changes.clone(),
             calibration_last: (self.calibration_logged.0 != CalibrationState::Unknown)

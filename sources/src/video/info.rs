@@ -1,7 +1,6 @@
-//! Size, rate and length of a video, from ffprobe.
+//! Size, rate and length of a video, from ffprobe or GStreamer.
 
 use crate::SourceError;
-use crate::foreign;
 use std::io::ErrorKind;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -10,10 +9,10 @@ use std::process::{Command, Stdio};
 const MAX_SIDE: usize = 8192;
 
 /// Plausible frame rates, in Hz.
-const RATES: std::ops::RangeInclusive<f64> = 0.01..=1000.0;
+pub const RATES: std::ops::RangeInclusive<f64> = 0.01..=1000.0;
 
 /// Rate of a video that does not tell its own, in Hz, as of folders without times.
-const DEFAULT_RATE_HZ: f64 = 10.0;
+pub const DEFAULT_RATE_HZ: f64 = 10.0;
 
 /// What a video is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,11 +28,11 @@ pub struct VideoInfo {
 }
 
 impl VideoInfo {
-    /// Asks ffprobe.
+    /// Asks ffprobe; `None` where there is none.
     ///
     /// # Errors
-    /// If it is missing or cannot read the file.
-    pub fn read(path: &Path) -> Result<Self, SourceError> {
+    /// If it cannot read the file.
+    pub fn read(path: &Path) -> Result<Option<Self>, SourceError> {
         let output = Command::new("ffprobe")
             .args(["-v", "error", "-protocol_whitelist", "file", "-select_streams", "v:0", "-count_packets"])
             .args([
@@ -46,16 +45,20 @@ impl VideoInfo {
             .stdin(Stdio::null())
             .output();
         let fail = |explanation: String| SourceError::Foreign { path: path.to_owned(), explanation };
-        let output = output.map_err(|error| match error.kind() {
-            ErrorKind::NotFound => fail(foreign::video_without_ffmpeg(path)),
-            _ => fail(format!("ffprobe cannot be started: {error}: apt install ffmpeg")),
-        })?;
+        let output = match output {
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+            Err(error) => {
+                return Err(fail(format!("ffprobe cannot be started: {error}: apt install ffmpeg")));
+            }
+            Ok(output) => output,
+        };
         if !output.status.success() {
             let text = String::from_utf8_lossy(&output.stderr).into_owned();
             let reason = text.lines().next_back().unwrap_or("no reason was given").to_owned();
             return Err(fail(format!("ffmpeg cannot read this video: {reason}: is it complete?")));
         }
         parse(&String::from_utf8_lossy(&output.stdout))
+            .map(Some)
             .map_err(|reason| fail(format!("{reason}: give a video with both images side by side, or two")))
     }
 
@@ -72,15 +75,24 @@ pub fn as_file(path: &Path) -> std::ffi::OsString {
     text
 }
 
+/// Checks the size of a frame.
+///
+/// # Errors
+/// If it cannot be read; the text says what can.
+pub fn check_side(width: usize, height: usize) -> Result<(), String> {
+    if (1..=MAX_SIDE).contains(&width) && (1..=MAX_SIDE).contains(&height) {
+        return Ok(());
+    }
+    Err(format!("frames of {width}x{height} pixels, at most {MAX_SIDE}x{MAX_SIDE} are read"))
+}
+
 fn parse(text: &str) -> Result<VideoInfo, String> {
     let of = |name: &str| text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix('='));
     let side = |name: &str| of(name).and_then(|value| value.parse::<usize>().ok());
     let (Some(width), Some(height)) = (side("width"), side("height")) else {
         return Err("it has no pictures".into());
     };
-    if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) {
-        return Err(format!("frames of {width}x{height} pixels, at most {MAX_SIDE}x{MAX_SIDE} are read"));
-    }
+    check_side(width, height)?;
     let frames = of("nb_read_packets").and_then(|value| value.parse().ok()).unwrap_or(0);
     if frames == 0 {
         return Err("it has no frames".into());

@@ -1,5 +1,8 @@
-//! Stereo pairs from videos, decoded by the program ffmpeg: one video with both images side by side, or two.
+//! Stereo pairs from videos, decoded by the program ffmpeg or else by GStreamer where it is built in: one video with both
+//! images side by side, or two.
 
+#[cfg(feature = "gstreamer")]
+mod gstreamer;
 mod info;
 mod stream;
 
@@ -37,7 +40,7 @@ impl VideoFiles {
 }
 
 impl VideoFiles {
-    /// Checks that the videos are there, before ffmpeg is asked for.
+    /// Checks that the videos are there, before a decoder is asked for.
     fn check_there(&self) -> Result<(), SourceError> {
         let (first, second) = match self {
             Self::SideBySide(path) => (path, None),
@@ -57,9 +60,40 @@ impl VideoFiles {
     }
 }
 
+/// What decodes a video.
+enum Decoder {
+    Ffmpeg(VideoStream),
+    #[cfg(feature = "gstreamer")]
+    GStreamer(gstreamer::GstVideo),
+}
+
+impl Decoder {
+    /// ffmpeg where it is on the `PATH`, else GStreamer.
+    fn open(path: &Path) -> Result<(Self, VideoInfo), SourceError> {
+        if let Some(info) = VideoInfo::read(path)? {
+            return Ok((Self::Ffmpeg(VideoStream::new(path, &info)), info));
+        }
+        #[cfg(feature = "gstreamer")]
+        {
+            let info = gstreamer::info(path)?;
+            Ok((Self::GStreamer(gstreamer::GstVideo::new(path, &info)), info))
+        }
+        #[cfg(not(feature = "gstreamer"))]
+        Err(SourceError::Foreign { path: path.to_owned(), explanation: foreign::video_without_ffmpeg(path) })
+    }
+
+    fn read(&mut self, index: u64, frame: &mut [u8]) -> Result<(), SourceError> {
+        match self {
+            Self::Ffmpeg(stream) => stream.read(index, frame),
+            #[cfg(feature = "gstreamer")]
+            Self::GStreamer(video) => video.read(index, frame),
+        }
+    }
+}
+
 /// Pairs of one or two videos.
 pub struct VideoSource {
-    streams: Vec<VideoStream>,
+    decoders: Vec<Decoder>,
     /// One frame with both images.
     both: Vec<u8>,
     size: (usize, usize),
@@ -75,25 +109,26 @@ impl VideoSource {
     /// Opens videos; the calibration is read beside them.
     ///
     /// # Errors
-    /// If ffmpeg is missing or cannot read them, or they do not belong together.
+    /// If nothing is here that decodes them, they cannot be read, or they do not belong together.
     pub fn open(files: &VideoFiles) -> Result<Self, SourceError> {
         files.check_there()?;
-        let (first, infos, size) = match files {
+        let (first, opened, size) = match files {
             VideoFiles::SideBySide(path) => {
-                let info = VideoInfo::read(path)?;
+                let (decoder, info) = Decoder::open(path)?;
                 let size = (info.width / 2, info.height);
-                (path, vec![(path, info)], size)
+                (path, vec![(path, decoder, info)], size)
             }
             VideoFiles::Two(left, right) => {
                 check_two_files(left, right)?;
-                let (a, b) = (VideoInfo::read(left)?, VideoInfo::read(right)?);
-                check_sizes(left, &a, right, &b)?;
-                let size = (a.width, a.height);
-                (left, vec![(left, a), (right, b)], size)
+                let ((a, a_info), (b, b_info)) = (Decoder::open(left)?, Decoder::open(right)?);
+                check_sizes(left, &a_info, right, &b_info)?;
+                let size = (a_info.width, a_info.height);
+                (left, vec![(left, a, a_info), (right, b, b_info)], size)
             }
         };
+        let infos: Vec<_> = opened.iter().map(|(path, _, info)| (*path, *info)).collect();
         let mut source = Self {
-            streams: infos.iter().map(|(path, info)| VideoStream::new(path, info)).collect(),
+            decoders: opened.into_iter().map(|(_, decoder, _)| decoder).collect(),
             both: Vec::new(),
             size,
             count: infos.iter().map(|(_, info)| info.frames).min().unwrap_or(0),
@@ -191,7 +226,7 @@ impl PairSource for VideoSource {
         if index >= self.count {
             return Err(SourceError::End { index, count: self.count });
         }
-        match &mut self.streams[..] {
+        match &mut self.decoders[..] {
             [one] => {
                 one.read(index, &mut self.both)?;
                 let (width, stride) = (self.size.0, self.both.len() / self.size.1.max(1));

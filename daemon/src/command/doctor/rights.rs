@@ -116,6 +116,9 @@ fn of_programs() -> Finding {
     let has = |name: &str| std::env::split_paths(&path).any(|folder| folder.join(name).is_file());
     match (has("ffmpeg"), has("gst-launch-1.0")) {
         (true, _) => Finding::good("programs", "ffmpeg: videos can be written and read"),
+        (false, true) if cfg!(feature = "gstreamer") => {
+            Finding::good("programs", "GStreamer: videos can be written and read")
+        }
         (false, true) => {
             let text = "gst-launch-1.0, no ffmpeg: videos can be written, but not read";
             Finding::note("programs", text, "apt install ffmpeg, to replay videos")

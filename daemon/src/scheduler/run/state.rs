@@ -66,7 +66,7 @@ impl Run {
         status.obstacles = last.map_or(0, |last| last.confirmed);
         status.motion = last.map_or_else(Default::default, |last| last.header.motion);
         status.vehicle = last.map_or(VehicleRecord::default(), |last| last.header.vehicle);
-        status.alarms = self.collector.alarms.into();
+        status.alarms = self.collector.alarms().into();
         status.uptime_ns = now.saturating_sub(self.started_ns);
         status.frames = self.collector.results();
         let latency = self.collector.latency();

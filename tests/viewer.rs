@@ -100,6 +100,10 @@ const PATH_DRAWN: &str = r#"(() => {
     captions: [with_path.caption, assumed.caption] };
 })()"#;
 
+/// The texts with values of the daemon: own motion, health, captions of charts, processes.
+const CURRENT: &str = r#"[...document.querySelectorAll('#motion, #health, [id^="k-"], #processes tbody td')]
+  .map((element) => element.textContent).filter((text) => text && !text.startsWith("no daemon"))"#;
+
 /// Number of labels that are drawn of many obstacles far ahead, and of those that touch another in their row.
 const TOUCHING: &str = r#"(() => {
   const made = Array.from({ length: 24 }, (_, i) => ({ ...page.frame.obstacles[0], track: 1000 + i, class: "vehicle",
@@ -236,6 +240,8 @@ fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
         send(daemon_pid, signal);
         browser.until("document.getElementById('link').className === 'away'");
         browser.until("document.getElementById('alarm').className === 'off'");
+        // Nor are its speed, rates and processes shown as current.
+        assert_eq!(browser.value(CURRENT), serde_json::json!([]), "values of a lost daemon");
         let shown = browser.value("page.frames").as_u64().unwrap();
         daemons.push(bench.start(&["run"]));
         browser.until(&format!("page.frames > {} && page.live", shown + 3));

@@ -84,6 +84,10 @@ function away(why) {
   // The reason stands beside it already.
   if (page.frames === 0) wait("");
   else setAlarm("off", "alarm off", "no daemon");
+  // Nothing that was true of the daemon is shown as current.
+  forgetMotion();
+  byId("health").textContent = "";
+  drawAway();
 }
 
 // Before the first frame nothing is known, not even that the alarm is off.
@@ -108,8 +112,10 @@ async function takeFrame(frame, parts) {
     return image;
   });
   const decoded = await Promise.allSettled(images.map((image) => image.decode()));
+  images.forEach((image) => URL.revokeObjectURL(image.src));
+  // The connection may have been lost meanwhile.
+  if (!page.live) return;
   pictures.forEach((name, i) => {
-    URL.revokeObjectURL(images[i].src);
     if (decoded[i].status !== "fulfilled") return;
     const before = byId(name);
     images[i].alt = before.alt;
@@ -156,6 +162,10 @@ function tellMotion({ motion }) {
   element.textContent = motion.known ? ownMotion(motion) : "own motion unknown: straight path";
 }
 
+function forgetMotion() {
+  byId("motion").className = byId("motion").textContent = "";
+}
+
 // The visible text changes with every frame. The text for screen readers changes only with the level, and is
 // repeated while an alarm lasts.
 function setAlarm(level, text, more) {
@@ -197,7 +207,10 @@ function tellAge() {
     const text = `${why}: last frame ${(age / 1000).toFixed(0)} s ago`;
     if (stale.textContent !== text) stale.textContent = text;
   }
-  if (is_old && !page.is_paused && page.live) setAlarm("off", "alarm off", "no new frame");
+  if (is_old && !page.is_paused && page.live) {
+    setAlarm("off", "alarm off", "no new frame");
+    forgetMotion();
+  }
 }
 
 function pause() {

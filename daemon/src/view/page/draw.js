@@ -485,6 +485,17 @@ function drawCharts(samples, stages) {
   drawHealth(samples);
 }
 
+// Without a daemon the curves stay, but no value and no process is current.
+function drawAway() {
+  for (const view of document.querySelectorAll(".chart")) {
+    const caption = byId(view.id.replace("c-", "k-"));
+    if (!caption.textContent) continue;
+    caption.textContent = "no daemon: values until it was lost";
+    view.setAttribute("aria-label", caption.textContent);
+  }
+  byId("processes").tBodies[0].replaceChildren(row(["no daemon"], "none"));
+}
+
 // Bars with one slice for each second.
 function drawHealth(samples) {
   const view = byId("c-health");

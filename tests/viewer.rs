@@ -263,6 +263,49 @@ fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
 }
 
 #[test]
+fn before_the_first_frame_the_page_says_that_it_waits() {
+    let Some(mut browser) = Browser::start() else { return };
+    let bench = Bench::new();
+    let viewer = Viewer::start(&bench, &[]);
+    browser.open(&viewer.link);
+    browser.look(1400, 900, false, "light");
+    browser.until("typeof page === 'object' && document.getElementById('link').className === 'away'");
+    let text = |id: &str| format!("document.getElementById('{id}').textContent");
+    for id in ["alarm-level", "birds-caption", "v-caption", "scale-text"] {
+        assert_eq!(browser.value(&text(id)), "waiting for the first frame", "{id}");
+    }
+    let strip = "document.querySelector('.stale').getBoundingClientRect().height > 10 && \
+                 document.querySelector('.stale').textContent";
+    assert_eq!(browser.value(strip), "waiting for the first frame");
+    assert_eq!(browser.value(&text("k-latency")), "waiting for the daemon");
+    assert_eq!(
+        browser.value("document.querySelector('#obstacles tbody').innerText"),
+        "waiting for the first frame"
+    );
+    assert_eq!(browser.value("document.querySelector('#processes tbody').innerText"), "no daemon");
+    browser.value("pause()");
+    assert_eq!(browser.value(strip), "paused before the first frame");
+    browser.value("pause()");
+    // A daemon whose source gives no frames has seconds without latency and speed.
+    let drawn = browser.value(
+        r#"(() => {
+          const second = { number: 0, rate_hz: 0, latency_ms: null, latency_worst_ms: null, stage_ms: null, dropped: 0,
+            cpu_percent: 3, speed_m_s: null, state: "starting", calibration: "unknown", rung: null, temperatures: [],
+            clocks: [] };
+          const captions = (samples) => {
+            drawCharts(samples, ["stereo"]);
+            return ["latency", "speed"].map((name) => document.getElementById(`k-${name}`).textContent);
+          };
+          const frame = { ...second, number: 1, latency_ms: 30, latency_worst_ms: 40, stage_ms: [20] };
+          return [captions([second]), captions([second, frame])[1]];
+        })()"#,
+    );
+    let waits = "waiting for frames";
+    assert_eq!(drawn, serde_json::json!([[waits, waits], "own motion unknown"]));
+    viewer.stop();
+}
+
+#[test]
 fn heat_and_clocks_are_drawn_over_time() {
     let Some(mut browser) = Browser::start() else { return };
     let bench = Bench::new();

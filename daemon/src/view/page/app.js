@@ -192,19 +192,23 @@ function takeStatus(status, history) {
   const rate = last && last.rate_hz !== null ? `${last.rate_hz.toFixed(1)} frames per second, ` : "";
   const why = status.reason ? ` (${status.reason})` : "";
   if (page.frames === 0) wait(status.reason || status.state);
-  byId("health").textContent =
-    `${status.state}${why}: ${rate}latency p50 ${status.latency_p50_ms.toFixed(0)} ms, p99 ${status.latency_p99_ms.toFixed(0)} ms`;
+  const latency = status.frames === 0 ? "no frame yet" :
+    `latency p50 ${status.latency_p50_ms.toFixed(0)} ms, p99 ${status.latency_p99_ms.toFixed(0)} ms`;
+  byId("health").textContent = `${status.state}${why}: ${rate}${latency}`;
 }
 
-// An old picture must not be mistaken for the current road.
+// An old picture must not be mistaken for the current road, nor none for an empty road.
 function tellAge() {
   const age = performance.now() - page.frame_at;
   const stale = document.querySelector(".stale");
-  const is_old = page.frame !== null && age > STALE_MS;
-  stale.hidden = !is_old && !page.is_paused;
-  if (is_old || page.is_paused) {
+  const is_first = page.frame === null;
+  const is_old = !is_first && age > STALE_MS;
+  stale.hidden = !is_first && !is_old && !page.is_paused;
+  stale.classList.toggle("waiting", is_first);
+  if (!stale.hidden) {
     const why = page.is_paused ? "paused" : "no new frame";
-    const text = `${why}: last frame ${(age / 1000).toFixed(0)} s ago`;
+    const last = `${why}: last frame ${(age / 1000).toFixed(0)} s ago`;
+    const text = !is_first ? last : page.is_paused ? "paused before the first frame" : "waiting for the first frame";
     if (stale.textContent !== text) stale.textContent = text;
   }
   if (is_old && !page.is_paused && page.live) {

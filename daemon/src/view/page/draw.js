@@ -408,9 +408,10 @@ function drawChart(name, samples, series, unit, least) {
   // What this machine does not have needs no panel.
   view.closest(".panel").hidden = series.length === 0;
   if (known.length === 0) {
+    const text = noData(name, samples);
     view.replaceChildren(svg("text", { x: 10, y: height / 2 }, "no data"));
-    view.setAttribute("aria-label", "no data");
-    byId(`k-${name}`).textContent = name === "speed" ? "own motion unknown" : "not available on this machine";
+    view.setAttribute("aria-label", text);
+    byId(`k-${name}`).textContent = text;
     return;
   }
   const top = niceTop(Math.max(...known, least));
@@ -453,6 +454,12 @@ function drawChart(name, samples, series, unit, least) {
   }));
 }
 
+// Why a chart has no values: some come with frames only.
+function noData(name, samples) {
+  if (!["latency", "speed"].includes(name)) return "not available on this machine";
+  return samples.some((s) => s.latency_ms !== null) ? "own motion unknown" : "waiting for frames";
+}
+
 function niceTop(value) {
   const power = 10 ** Math.floor(Math.log10(Math.max(value, 1e-6)));
   for (const step of [1, 1.5, 2, 3, 4, 5, 6, 8, 10]) if (value <= step * power) return step * power;
@@ -488,8 +495,9 @@ function drawCharts(samples, stages) {
 // Without a daemon the curves stay, but no value and no process is current.
 function drawAway() {
   for (const view of document.querySelectorAll(".chart")) {
+    // One that was never drawn waits.
+    if (!view.hasChildNodes()) continue;
     const caption = byId(view.id.replace("c-", "k-"));
-    if (!caption.textContent) continue;
     caption.textContent = "no daemon: values until it was lost";
     view.setAttribute("aria-label", caption.textContent);
   }

@@ -117,6 +117,25 @@ const TOUCHING: &str = r#"(() => {
   return { drawn: drawn.filter((label) => label.width > 0).length, touching: touching.length };
 })()"#;
 
+/// The numbers that are drawn in the bird's-eye view of three tracks side by side, of which the last is the nearest, and of
+/// one apart; and of the same with the farthest as cause of an alarm.
+const NUMBERS: &str = r#"(() => {
+  const c = document.getElementById("birds").getContext("2d");
+  const at = (track, distance_m, lateral_m) => ({ ...page.frame.obstacles[0], track, distance_m, lateral_m, width_m: 0.4,
+    confirmed: true, predicted: false, distance_sigma_m: 0.1, closing_m_s: null });
+  const obstacles = [at(1, 20.6, 0.2), at(2, 20.4, 0.1), at(3, 20.2, 0), at(4, 30, 0)];
+  const drawn = (alarm) => {
+    const texts = [];
+    c.fillText = (text) => texts.push(text);
+    drawBirds({ ...page.frame, obstacles, alarm: { ...page.frame.alarm, ...alarm } }, null);
+    delete c.fillText;
+    return texts.filter((text) => !text.endsWith(" m"));
+  };
+  const lists = [drawn({ level: "clear", track: null }), drawn({ level: "alarm", track: 1 })];
+  drawBirds(page.frame, page.points);
+  return lists;
+})()"#;
+
 /// How often a picture is the one of its number, the car ahead lies in a box with its distance, and the way is
 /// free as far as the car.
 fn compare(browser: &mut Browser, drive: &mut Drive) -> ([usize; 3], String) {
@@ -209,6 +228,13 @@ fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
     );
     let ends = |i: usize, end: &str| drawn["captions"][i].as_str().is_some_and(|text| text.ends_with(end));
     assert!(ends(0, "; blue: path") && ends(1, "; dashed: straight path"), "{drawn}");
+
+    browser.until("page.frame.obstacles.length > 0");
+    assert_eq!(
+        browser.value(NUMBERS),
+        serde_json::json!([["20", "30"], ["21", "30"]]),
+        "numbers over numbers"
+    );
 
     // The rest of the page is complete.
     for part in ["disparity", "v_disparity"] {

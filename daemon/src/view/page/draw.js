@@ -226,6 +226,7 @@ function drawBirds(frame, points) {
     const [x, y] = at(r.lateral_m - r.width_m / 2, r.distance_m);
     c.strokeRect(x, y - 2, r.width_m * perMetre, 2);
   }
+  const numbers = [];
   for (const o of frame.obstacles.filter((o) => o.confirmed)) {
     const isCause = isAbout(frame, o);
     const depth = Math.max(0.6, Math.min(o.width_m, 4) * 0.8);
@@ -245,8 +246,9 @@ function drawBirds(frame, points) {
     }
     c.beginPath(); c.moveTo(...at(o.lateral_m, o.distance_m - 2 * o.distance_sigma_m));
     c.lineTo(...at(o.lateral_m, o.distance_m + 2 * o.distance_sigma_m)); c.stroke();
-    c.fillText(o.distance_m.toFixed(0), x + o.width_m * perMetre + 3, y + 8);
+    numbers.push({ o, isCause, x: x + o.width_m * perMetre + 3, y: y + 8, fill: c.fillStyle });
   }
+  drawNumbers(c, numbers);
   c.fillStyle = colour("--ink");
   const [mx, my] = at(0, 0);
   c.beginPath(); c.moveTo(mx, my - 9); c.lineTo(mx - 6, my + 4); c.lineTo(mx + 6, my + 4); c.fill();
@@ -257,6 +259,22 @@ function drawBirds(frame, points) {
   const line = frame.path.left_m.length < 2 ? "" : frame.path.known ? "; blue: path" : "; dashed: straight path";
   canvas.setAttribute("aria-label", `Road from above: ${text}`);
   byId("birds-caption").textContent = `${text}; outline: free space; violet: boundaries; lines from tracks: predicted motion in one second${line}`;
+}
+
+// Distances beside the tracks: the cause of an alarm first, then the nearest. One that would cover another is left out.
+const [NUMBER_PX, NUMBER_GAP_PX] = [11, 2];
+
+function drawNumbers(c, numbers) {
+  const placed = [];
+  const order = [...numbers].sort((a, b) => b.isCause - a.isCause || a.o.distance_m - b.o.distance_m);
+  for (const { o, x, y, fill } of order) {
+    const text = o.distance_m.toFixed(0);
+    const right = x + c.measureText(text).width + NUMBER_GAP_PX;
+    if (placed.some((b) => x < b.right && b.x < right && Math.abs(y - b.y) < NUMBER_PX)) continue;
+    placed.push({ x, right, y });
+    c.fillStyle = fill;
+    c.fillText(text, x, y);
+  }
 }
 
 // Corners of the free space, from the left: [x, z] in metres, two for each group of columns.

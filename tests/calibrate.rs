@@ -143,6 +143,20 @@ fn good_pictures_give_the_cameras_that_took_them() {
 }
 
 #[test]
+fn a_rig_of_four_numbers_is_shown_and_converted() {
+    let bench = Bench::new();
+    let plain = "focal_px = 440.0\nbaseline_m = 0.12\ncx_px = 320.0\ncy_px = 240.0\n";
+    std::fs::write(bench.path("plain.toml"), plain).unwrap();
+    let shown = bench.ok(&["rig", "plain.toml"]);
+    assert_eq!(shown, format!("# a pair that is rectified already\n{plain}"));
+    let error = bench.fails(&["rig", "plain.toml", "--format", "opencv", "-o", "plain.yml"]);
+    assert!(error.contains("plain.toml") && error.contains("--size"), "{error}");
+    bench.ok(&["rig", "plain.toml", "--size", "640x480", "--format", "opencv", "-o", "plain.yml"]);
+    let shown = bench.ok(&["rig", "plain.yml"]);
+    assert!(["focal_px = 440.0", "width = 640"].iter().all(|line| shown.contains(line)), "{shown}");
+}
+
+#[test]
 fn seeded_faults_turn_the_verdict() {
     let bench = Bench::new();
     let folder = |name: &str| bench.path(name);

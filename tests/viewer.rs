@@ -100,6 +100,10 @@ const PATH_DRAWN: &str = r#"(() => {
     captions: [with_path.caption, assumed.caption] };
 })()"#;
 
+/// The texts with values of the daemon: own motion, health, captions of charts, processes.
+const CURRENT: &str = r#"[...document.querySelectorAll('#motion, #health, [id^="k-"], #processes tbody td')]
+  .map((element) => element.textContent).filter((text) => text && !text.startsWith("no daemon"))"#;
+
 /// Number of labels that are drawn of many obstacles far ahead, and of those that touch another in their row.
 const TOUCHING: &str = r#"(() => {
   const made = Array.from({ length: 24 }, (_, i) => ({ ...page.frame.obstacles[0], track: 1000 + i, class: "vehicle",
@@ -111,6 +115,25 @@ const TOUCHING: &str = r#"(() => {
   const touches = (a, b) => Math.abs(a.top - b.top) < 5 && a.left < b.right && b.left < a.right;
   const touching = drawn.filter((a, i) => drawn.some((b, j) => j > i && touches(a, b)));
   return { drawn: drawn.filter((label) => label.width > 0).length, touching: touching.length };
+})()"#;
+
+/// The numbers that are drawn in the bird's-eye view of three tracks side by side, of which the last is the nearest, and of
+/// one apart; and of the same with the farthest as cause of an alarm.
+const NUMBERS: &str = r#"(() => {
+  const c = document.getElementById("birds").getContext("2d");
+  const at = (track, distance_m, lateral_m) => ({ ...page.frame.obstacles[0], track, distance_m, lateral_m, width_m: 0.4,
+    confirmed: true, predicted: false, distance_sigma_m: 0.1, closing_m_s: null });
+  const obstacles = [at(1, 20.6, 0.2), at(2, 20.4, 0.1), at(3, 20.2, 0), at(4, 30, 0)];
+  const drawn = (alarm) => {
+    const texts = [];
+    c.fillText = (text) => texts.push(text);
+    drawBirds({ ...page.frame, obstacles, alarm: { ...page.frame.alarm, ...alarm } }, null);
+    delete c.fillText;
+    return texts.filter((text) => !text.endsWith(" m"));
+  };
+  const lists = [drawn({ level: "clear", track: null }), drawn({ level: "alarm", track: 1 })];
+  drawBirds(page.frame, page.points);
+  return lists;
 })()"#;
 
 /// How often a picture is the one of its number, the car ahead lies in a box with its distance, and the way is
@@ -206,6 +229,13 @@ fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
     let ends = |i: usize, end: &str| drawn["captions"][i].as_str().is_some_and(|text| text.ends_with(end));
     assert!(ends(0, "; blue: path") && ends(1, "; dashed: straight path"), "{drawn}");
 
+    browser.until("page.frame.obstacles.length > 0");
+    assert_eq!(
+        browser.value(NUMBERS),
+        serde_json::json!([["20", "30"], ["21", "30"]]),
+        "numbers over numbers"
+    );
+
     // The rest of the page is complete.
     for part in ["disparity", "v_disparity"] {
         browser.until(&format!("document.getElementById('{part}').naturalWidth > 100"));
@@ -236,6 +266,8 @@ fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
         send(daemon_pid, signal);
         browser.until("document.getElementById('link').className === 'away'");
         browser.until("document.getElementById('alarm').className === 'off'");
+        // Nor are its speed, rates and processes shown as current.
+        assert_eq!(browser.value(CURRENT), serde_json::json!([]), "values of a lost daemon");
         let shown = browser.value("page.frames").as_u64().unwrap();
         daemons.push(bench.start(&["run"]));
         browser.until(&format!("page.frames > {} && page.live", shown + 3));
@@ -253,6 +285,49 @@ fn the_page_shows_frames_with_boxes_where_the_truth_has_them() {
     let last = bench.status_when(|s| s["state"] == "running")["pid"].as_u64().unwrap() as u32;
     send(last, "TERM");
     browser.until("document.getElementById('link').className === 'away'");
+    viewer.stop();
+}
+
+#[test]
+fn before_the_first_frame_the_page_says_that_it_waits() {
+    let Some(mut browser) = Browser::start() else { return };
+    let bench = Bench::new();
+    let viewer = Viewer::start(&bench, &[]);
+    browser.open(&viewer.link);
+    browser.look(1400, 900, false, "light");
+    browser.until("typeof page === 'object' && document.getElementById('link').className === 'away'");
+    let text = |id: &str| format!("document.getElementById('{id}').textContent");
+    for id in ["alarm-level", "birds-caption", "v-caption", "scale-text"] {
+        assert_eq!(browser.value(&text(id)), "waiting for the first frame", "{id}");
+    }
+    let strip = "document.querySelector('.stale').getBoundingClientRect().height > 10 && \
+                 document.querySelector('.stale').textContent";
+    assert_eq!(browser.value(strip), "waiting for the first frame");
+    assert_eq!(browser.value(&text("k-latency")), "waiting for the daemon");
+    assert_eq!(
+        browser.value("document.querySelector('#obstacles tbody').innerText"),
+        "waiting for the first frame"
+    );
+    assert_eq!(browser.value("document.querySelector('#processes tbody').innerText"), "no daemon");
+    browser.value("pause()");
+    assert_eq!(browser.value(strip), "paused before the first frame");
+    browser.value("pause()");
+    // A daemon whose source gives no frames has seconds without latency and speed.
+    let drawn = browser.value(
+        r#"(() => {
+          const second = { number: 0, rate_hz: 0, latency_ms: null, latency_worst_ms: null, stage_ms: null, dropped: 0,
+            cpu_percent: 3, speed_m_s: null, state: "starting", calibration: "unknown", rung: null, temperatures: [],
+            clocks: [] };
+          const captions = (samples) => {
+            drawCharts(samples, ["stereo"]);
+            return ["latency", "speed"].map((name) => document.getElementById(`k-${name}`).textContent);
+          };
+          const frame = { ...second, number: 1, latency_ms: 30, latency_worst_ms: 40, stage_ms: [20] };
+          return [captions([second]), captions([second, frame])[1]];
+        })()"#,
+    );
+    let waits = "waiting for frames";
+    assert_eq!(drawn, serde_json::json!([[waits, waits], "own motion unknown"]));
     viewer.stop();
 }
 

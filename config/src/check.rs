@@ -2,6 +2,7 @@
 
 mod detectors;
 mod layers;
+mod syntax;
 
 use crate::automatic::AUTO;
 use crate::keys::{self, Key, Kind};
@@ -15,6 +16,7 @@ use std::fmt;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use syntax::syntax_error;
 use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
 
@@ -123,11 +125,9 @@ pub fn parse(text: &str, file: &Path) -> Result<Config, ConfigErrors> {
     let table = match DeTable::parse(text) {
         Ok(table) => table,
         Err(error) => {
-            let mut reason = excerpt(error.message(), REASON_CHARS).into_owned();
-            if reason == "duplicate key" {
-                reason += ": keep one of them";
-            }
-            checker.add(error.span().map(|s| s.start), reason);
+            let offset = error.span().map(|s| s.start);
+            let text = syntax_error(text, offset, &excerpt(error.message(), REASON_CHARS));
+            checker.add(offset, text);
             return Err(checker.finish());
         }
     };

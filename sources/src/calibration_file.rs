@@ -83,7 +83,12 @@ pub fn open_for(path: &Path, colour: bool, size: (usize, usize)) -> Result<Calib
     open_sized(path, colour, Some(size))
 }
 
-fn open_sized(path: &Path, colour: bool, size: Option<(usize, usize)>) -> Result<Calibration, SourceError> {
+/// See [`open`] and [`open_for`].
+pub(crate) fn open_sized(
+    path: &Path,
+    colour: bool,
+    size: Option<(usize, usize)>,
+) -> Result<Calibration, SourceError> {
     if path.extension().is_some_and(|e| e == "yaml" || e == "yml") {
         let file = rig_file::import(&[path.to_owned()], size, Crop::Valid)?;
         return Ok(Calibration::Cameras(Box::new(file)));
@@ -113,6 +118,15 @@ fn open_sized(path: &Path, colour: bool, size: Option<(usize, usize)>) -> Result
     };
     let rig = rig.checked().map_err(|e| fail(e.to_string()))?;
     Ok(Calibration::Rectified { rig, size })
+}
+
+/// The TOML text of a rectified pair: what [`open`] reads.
+pub fn plain_toml(rig: &Rig, size: Option<(usize, usize)>) -> String {
+    let Rig { focal_px, baseline_m, cx_px, cy_px } = rig;
+    let size = size.map_or(String::new(), |(width, height)| format!("width = {width}\nheight = {height}\n"));
+    format!(
+        "focal_px = {focal_px:?}\nbaseline_m = {baseline_m:?}\ncx_px = {cx_px:?}\ncy_px = {cy_px:?}\n{size}"
+    )
 }
 
 /// Size of the pictures beside a calibration, with one of them, where there are some.
@@ -198,7 +212,10 @@ mod tests {
     #[test]
     fn a_toml_file_gives_its_rig() {
         let text = "focal_px = 879.0\nbaseline_m = 0.12\ncx_px = 320.0\ncy_px = 240.0\n";
-        assert_eq!(read_text("rig.toml", text).unwrap().baseline_m, 0.12);
+        let rig = read_text("rig.toml", text).unwrap();
+        assert_eq!((rig.baseline_m, &plain_toml(&rig, None)[..]), (0.12, text));
+        let sized = plain_toml(&rig, Some((640, 480)));
+        assert_eq!((read_text("rig.toml", &sized).unwrap(), sized.ends_with("height = 480\n")), (rig, true));
         for (from, to, expected) in [
             ("0.12", "120", "metres"),
             ("0.12", "nan", "metres"),

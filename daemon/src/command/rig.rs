@@ -4,6 +4,7 @@ use crate::command::calibrate::{CropChoice, pair};
 use crate::command::console::say;
 use crate::command::error::CommandError;
 use clap::{Args, ValueEnum};
+use sources::calibration_file::{self, Calibration, plain_toml};
 use sources::rig_file::{Format, export, import};
 use std::path::PathBuf;
 
@@ -54,7 +55,26 @@ impl From<FormatChoice> for Format {
     }
 }
 
+/// Where a rig TOML of four numbers is shown, its text: it holds no cameras.
+fn four_numbers(args: &RigCommand) -> Result<Option<String>, CommandError> {
+    let [file] = &args.files[..] else { return Ok(None) };
+    if args.out.is_some() || file.extension().is_none_or(|ending| ending != "toml") {
+        return Ok(None);
+    }
+    let found = match args.size {
+        Some(size) => calibration_file::open_for(file, false, size)?,
+        None => calibration_file::open(file, false)?,
+    };
+    Ok(match found {
+        Calibration::Rectified { rig, size } => Some(plain_toml(&rig, size.or(args.size))),
+        Calibration::Cameras(_) => None,
+    })
+}
+
 pub fn run(args: &RigCommand) -> Result<(), CommandError> {
+    if let Some(text) = four_numbers(args)? {
+        return say(format_args!("# a pair that is rectified already\n{}", text.trim_end()));
+    }
     let rig = import(&args.files, args.size, args.crop.into())?;
     if let (Some(out), Some(format)) = (&args.out, args.format) {
         for path in export(&rig, format.into(), out)? {

@@ -30,10 +30,10 @@ pub enum BoardError {
         /// The limit.
         limit: Celsius,
     },
-    /// No sensor, and heat.watch is "require".
+    /// No sensor, and heat.watch is not "off".
     #[error(
         "no thermal zone below {} matches \"{zones}\" and can be read: correct heat.zones (the types are in \
-         class/thermal/*/type), or set heat.watch = \"prefer\"",
+         class/thermal/*/type), or set heat.watch = \"{instead}\"",
         root.display()
     )]
     NoSensor {
@@ -41,6 +41,8 @@ pub enum BoardError {
         root: PathBuf,
         /// The patterns.
         zones: String,
+        /// The value of heat.watch that does without: another than the one that is set.
+        instead: &'static str,
     },
     /// The clocks.
     #[error(transparent)]
@@ -139,7 +141,7 @@ impl Board {
         self.sensors = Sensors::find(&self.sysfs, &config.heat.zones);
         self.sensors.read(&mut self.readings);
         if self.readings.iter().all(Option::is_none) {
-            let error = BoardError::NoSensor { root: self.sysfs.path(""), zones: config.heat.zones.clone() };
+            let error = self.no_sensor(config);
             if config.heat.watch == "require" {
                 return Err(error);
             }
@@ -151,6 +153,12 @@ impl Board {
         }
         self.heat = Some(Heat::new(heat_parameters(config), self.sensors.names()));
         Ok(())
+    }
+
+    fn no_sensor(&self, config: &Config) -> BoardError {
+        // Only what is not set already is advised.
+        let instead = if config.heat.watch == "require" { "prefer" } else { "off" };
+        BoardError::NoSensor { root: self.sysfs.path(""), zones: config.heat.zones.clone(), instead }
     }
 
     fn set_clocks(&mut self, config: &Config) -> Result<(), BoardError> {
@@ -428,12 +436,17 @@ mod tests {
         assert_eq!(tree.get(&format!("{POLICY}/scaling_min_freq")), "600000");
         tree.remove(TEMP);
         let error = Board::start(&config(&tree, ""), run.path(), 0).unwrap_err().to_string();
-        assert!(error.contains("no thermal zone") && error.contains("heat.watch"), "{error}");
+        assert!(
+            error.contains("no thermal zone") && error.contains("set heat.watch = \"prefer\""),
+            "{error}"
+        );
         let preferred = config(&tree, "").heat;
         let mut config = config(&tree, "");
         config.heat = config::Heat { watch: "prefer".into(), ..preferred };
         let mut board = Board::start(&config, run.path(), 0).unwrap();
         assert_eq!((board.tick(S), board.record().watched), (None, 0));
+        let told = board.no_sensor(&config).to_string();
+        assert!(told.contains("set heat.watch = \"off\"") && !told.contains("prefer"), "{told}");
     }
 
     #[test]

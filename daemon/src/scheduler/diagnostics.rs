@@ -67,9 +67,48 @@ impl Diagnostics {
     }
 }
 
+/// Finds out that a failed source has recovered.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SourceRecovery {
+    /// Process of the source and its number of pairs when the source failed.
+    failed: Option<(u32, u64)>,
+}
+
+impl SourceRecovery {
+    /// Takes a report of the source's process. Returns whether the source has recovered since it failed, once. Only a pair
+    /// shows that: a source also stops failing when it ends, is restarted, or is held back.
+    pub fn take(&mut self, pid: u32, pairs: u64, is_failing: bool) -> bool {
+        if is_failing {
+            self.failed.get_or_insert((pid, pairs));
+            return false;
+        }
+        // A restarted process counts from zero.
+        let is_over = self.failed.is_some_and(|(of, before)| pairs > if of == pid { before } else { 0 });
+        if is_over {
+            self.failed = None;
+        }
+        is_over
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_a_pair_shows_that_the_source_has_recovered() {
+        let mut source = SourceRecovery::default();
+        assert!(!source.take(7, 0, false) && !source.take(7, 1, false), "it never failed");
+        assert!(!source.take(7, 1, true));
+        assert!(!source.take(7, 1, false), "held back, or stopped: no pair came");
+        // The report of the pair itself still has the old health.
+        assert!(!source.take(7, 2, true) && source.take(7, 2, false));
+        assert!(!source.take(7, 3, false), "said once");
+        assert!(!source.take(7, 3, true) && !source.take(8, 0, false), "restarted");
+        assert!(source.take(8, 1, false));
+        let mut silent = SourceRecovery::default();
+        assert!(!silent.take(7, 0, true) && !silent.take(7, 0, false), "stopped before the first pair");
+    }
 
     #[test]
     fn conditions_are_set_and_cleared_independently() {

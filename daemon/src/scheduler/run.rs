@@ -10,7 +10,7 @@ use super::collector::Collector;
 use super::cores::CorePlan;
 use super::credit::{Credit, DRAIN_NS};
 use super::deadline_monitor::DeadlineMonitor;
-use super::diagnostics::{Condition, Diagnostics};
+use super::diagnostics::{Condition, Diagnostics, SourceRecovery};
 use super::figures::MinuteFigures;
 use super::notify::Notify;
 use super::options::{Ends, RunError, RunOptions, RunOutcome};
@@ -80,6 +80,7 @@ pub struct Run {
     pacer: Pacer,
     deadline_monitor: DeadlineMonitor,
     diagnostics: Diagnostics,
+    source_recovery: SourceRecovery,
     realtime: RealtimeRecord,
     failure: Option<String>,
     /// A file of this run that another program has removed.
@@ -163,6 +164,7 @@ impl Run {
             pacer,
             deadline_monitor: DeadlineMonitor::new(config.pacing.late_frames.unsigned_abs()),
             diagnostics: Diagnostics::default(),
+            source_recovery: SourceRecovery::default(),
             realtime,
             phase: Phase::Running,
             board,
@@ -358,11 +360,12 @@ impl Run {
             _ if role == Role::SOURCE => None,
             _ => return,
         };
-        if self.diagnostics.set(Condition::Source, reason.as_deref()) {
-            match reason {
-                Some(reason) => tracing::warn!("source: {reason}"),
-                None => tracing::info!("source: it has recovered"),
-            }
+        let is_new = self.diagnostics.set(Condition::Source, reason.as_deref());
+        if self.source_recovery.take(report.pid, report.frames, reason.is_some()) {
+            tracing::info!("source: it has recovered");
+        }
+        if let (true, Some(reason)) = (is_new, reason) {
+            tracing::warn!("source: {reason}");
         }
     }
 

@@ -206,7 +206,9 @@ pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
     };
     let mut closing_m_s = (gap_m - ahead_m(STEP_S)) / STEP_S;
     let mut arrival_s = None;
-    if gap_m > 0.0 && closing_m_s > MIN_CLOSING_M_S {
+    // A vehicle at rest arrives nowhere: what does not significantly come to it stays where it is.
+    let may_meet = !path.is_at_rest() || obstacle.time_to_collision.is_some();
+    if may_meet && gap_m > 0.0 && closing_m_s > MIN_CLOSING_M_S {
         let mut seconds = (gap_m / closing_m_s).min(MAX_PREDICTION_S);
         let mean = (gap_m - ahead_m(seconds)) / seconds;
         if mean > MIN_CLOSING_M_S && ground.movement != Movement::Standing {
@@ -491,6 +493,21 @@ mod tests {
         // On a straight road an oncoming car that crosses over to our lane counts.
         let place = [-3.4, 33.0];
         assert!(meets(&path(0.0, 11.0), &car(place, [2.2, -11.0], 22.0)));
+    }
+
+    #[test]
+    fn at_rest_what_stands_ahead_is_in_the_way() {
+        // A car ahead whose speed is noise, whether it counts as standing or not: 1.1 m of it before our body.
+        let rest = SweptPath { curvature_sigma_per_m: 0.0, ..path(0.0, 0.0) };
+        for movement in [Movement::Standing, Movement::Unknown, Movement::Moving] {
+            for along_m_s in [0.2, 0.0, -0.15, -0.5] {
+                let car = car([0.7, 9.0], [0.0, along_m_s], -along_m_s);
+                let ground = GroundMotion { movement, ..car.ground };
+                let found = encounter(&rest, &Obstacle { time_to_collision: None, ground, ..car });
+                assert!(found.is_in_the_way(false), "{movement:?} {along_m_s}: {found:?}");
+                assert!((found.clearance_m + 1.1).abs() < 1e-9, "{found:?}");
+            }
+        }
     }
 
     #[test]

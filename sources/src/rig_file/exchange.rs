@@ -1,6 +1,7 @@
 //! Import and export of calibrations: OpenCV YAML, ROS camera_info, Kalibr camchain and KITTI calib.txt. All
 //! are converted to two cameras, in metres, left to right.
 
+use super::calibration::Calibration;
 use super::values::{Cameras, camera, numbers, pixels, turn};
 use super::yaml::{self, Value};
 use super::{RigFile, check_camera, data_sets, rows, write_atomically};
@@ -8,6 +9,7 @@ use crate::{SourceError, calibration_file, calibration_text};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use perception::calibration::{Camera, Crop, Pose};
 use perception::excerpt::{VALUE_CHARS, excerpt};
+use perception::rig::Rig;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -38,16 +40,13 @@ pub fn import(paths: &[PathBuf], size: Option<(usize, usize)>, crop: Crop) -> Re
     };
     let fail = |reason: String| SourceError::Calibration { path: first.clone(), reason };
     match first.extension().and_then(|e| e.to_str()) {
-        Some("toml") => return RigFile::read(first),
+        Some("toml") => return from_toml(first, size),
         Some("txt") => {
             let rig = calibration_file::read(first, false)?;
             let size = size.ok_or_else(|| {
                 fail("a calib.txt does not contain the image size: give it with --size".into())
             })?;
-            let camera = Camera::pinhole(rig.focal_px, rig.focal_px, rig.cx_px, rig.cy_px);
-            let t = Vector3::new(-rig.baseline_m, 0.0, 0.0);
-            let between = Pose { rotation: Rotation3::identity(), translation_m: t };
-            return RigFile::from_cameras([camera; 2], between, size, crop).map_err(fail);
+            return rectified(&rig, size, crop).map_err(fail);
         }
         _ => {}
     }
@@ -84,6 +83,29 @@ pub fn import(paths: &[PathBuf], size: Option<(usize, usize)>, crop: Crop) -> Re
         check_camera(camera, name).map_err(fail)?;
     }
     RigFile::from_cameras(cameras, between, size, crop).map_err(fail)
+}
+
+/// The rig of a TOML file. One of four numbers is a pair that is rectified already: two equal cameras without distortion,
+/// whose picture stays as it is.
+fn from_toml(path: &Path, size: Option<(usize, usize)>) -> Result<RigFile, SourceError> {
+    let fail = |reason: String| SourceError::Calibration { path: path.to_owned(), reason };
+    match calibration_file::open_sized(path, false, size)? {
+        Calibration::Cameras(file) => Ok(*file),
+        Calibration::Rectified { rig, size: of_file } => {
+            let size = of_file.or(size).ok_or_else(|| {
+                let without = "four numbers, which do not say the size of the pictures";
+                fail(format!("{without}: add width and height to the file, or give it with --size"))
+            })?;
+            rectified(&rig, size, Crop::Same).map_err(fail)
+        }
+    }
+}
+
+/// A pair that is rectified already.
+fn rectified(rig: &Rig, size: (usize, usize), crop: Crop) -> Result<RigFile, String> {
+    let camera = Camera::pinhole(rig.focal_px, rig.focal_px, rig.cx_px, rig.cy_px);
+    let translation_m = Vector3::new(-rig.baseline_m, 0.0, 0.0);
+    RigFile::from_cameras([camera; 2], Pose { rotation: Rotation3::identity(), translation_m }, size, crop)
 }
 
 /// The `sensor.yaml` of the right camera, beside that of the left in a folder whose name ends with 0.
@@ -373,6 +395,25 @@ mod tests {
         let (a, b) = (back.rectification.rig, rig.rectification.rig);
         assert!((a.focal_px - b.focal_px).abs() < 1e-9 && (a.baseline_m - b.baseline_m).abs() < 1e-12);
         assert!(import(&files, None, Crop::Same).unwrap_err().to_string().contains("size"));
+        // Four numbers.
+        let path = folder.path().join("plain.toml");
+        let plain = "focal_px = 440.0\nbaseline_m = 0.12\ncx_px = 301.0\ncy_px = 190.5\n";
+        std::fs::write(&path, plain).unwrap();
+        let paths = [path];
+        let back = import(&paths, Some((640, 360)), Crop::Valid).unwrap();
+        let numbers = Rig { focal_px: 440.0, baseline_m: 0.12, cx_px: 301.0, cy_px: 190.5 };
+        let off = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a}, not {b}");
+        let found = back.rectification.rig;
+        off(found.focal_px, numbers.focal_px);
+        off(found.baseline_m, numbers.baseline_m);
+        off(found.cx_px, numbers.cx_px);
+        off(found.cy_px, numbers.cy_px);
+        assert!(back.size() == (640, 360) && back.rectification_px() < 1e-9);
+        let error = import(&paths, None, Crop::Valid).unwrap_err().to_string();
+        assert!(error.contains("plain.toml") && error.contains("--size"), "{error}");
+        std::fs::write(&paths[0], format!("{plain}width = 640\nheight = 360\n")).unwrap();
+        assert_eq!(import(&paths, None, Crop::Valid).unwrap(), back);
+        assert!(import(&paths, Some((320, 180)), Crop::Valid).is_err(), "two sizes");
         // A lens model that the format does not support.
         let mut rig = rig;
         rig.cameras[1].distortion[4] = 0.1;

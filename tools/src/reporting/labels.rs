@@ -34,6 +34,8 @@ pub struct Setting {
     pub line: i32,
     /// Width and height of the picture, in px.
     pub size: (i32, i32),
+    /// Edge of the picture that no label covers, in px.
+    pub margin: i32,
 }
 
 /// Space between two labels, in px.
@@ -67,15 +69,16 @@ type Place = (Area, Option<[(i32, i32); 2]>);
 /// The first free place for a text at its box, or, with `is_away`, above or below it.
 fn room(around: Area, text: &str, setting: Setting, is_away: bool, used: &[Area]) -> Option<Place> {
     let [left, top, right, bottom] = around;
-    let (width, height) = setting.size;
+    let margin = setting.margin;
+    let (width, height) = (setting.size.0 - margin, setting.size.1 - margin);
     let (long, line) = (text.chars().count() as i32 * setting.character + GAP, setting.line);
-    if long > width {
+    if long > width - margin {
         return None;
     }
     let fits = |x: i32, y: i32| {
-        let x = x.clamp(0, width - long);
+        let x = x.clamp(margin, width - long);
         let area = [x, y, x + long, y + line];
-        let is_inside = y >= 0 && y + line <= height;
+        let is_inside = y >= margin && y + line <= height;
         (is_inside && !used.iter().any(|other| overlap(*other, area))).then_some(area)
     };
     let at_box = [(left, top - line), (right - long, top - line), (left, bottom), (right - long, bottom)];
@@ -105,7 +108,7 @@ fn overlap(a: Area, b: Area) -> bool {
 mod tests {
     use super::*;
 
-    const SETTING: Setting = Setting { character: 7, line: 13, size: (640, 480) };
+    const SETTING: Setting = Setting { character: 7, line: 13, size: (640, 480), margin: 0 };
 
     fn wanted(area: Area) -> Wanted {
         Wanted { area, texts: ["vehicle 12.3+-0.4m".into(), "12m".into()] }
@@ -137,5 +140,17 @@ mod tests {
         assert_eq!(place(&[wanted([0, 0, 640, 480])], SETTING, &[]), []);
         let small = Setting { size: (20, 20), ..SETTING };
         assert_eq!(place(&[wanted([0, 0, 5, 5])], small, &[]), []);
+        let framed = Setting { margin: 4, ..SETTING };
+        let edges =
+            [[0, 100, 10, 120], [630, 100, 640, 120], [300, 0, 340, 466], [300, 15, 340, 480]].map(wanted);
+        for one in place(&edges, framed, &[]) {
+            let [left, top, right, bottom] = one.area;
+            assert!(left >= 4 && top >= 4 && right <= 636 && bottom <= 476, "{one:?}");
+        }
+        assert_eq!(
+            place(&[wanted([0, 0, 5, 5])], Setting { size: (26, 40), ..framed }, &[]),
+            [],
+            "too narrow"
+        );
     }
 }

@@ -25,6 +25,9 @@ const MIN_LEGEND_ROWS: i32 = 136;
 /// First row of the text at the top, and distance of its lines, in px.
 const HEADER_PX: (i32, i32) = (5, 14);
 
+/// Width of the frame around the picture at a warning or an alarm, in px. No text lies on it.
+const ALARM_FRAME_PX: u16 = 4;
+
 /// Columns and rows of the road's left and right edges, where visible, from near to far.
 pub type EdgePoints = [[Option<(i32, i32)>; 2]; SEGMENTS];
 
@@ -90,7 +93,6 @@ fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> 
             picture.line(from, to, PATH, 2);
         }
     }
-    let mut header = Vec::new();
     // Far ones first, so that near ones are drawn over them.
     let mut order: Vec<&ObstacleLine> = record.obstacles.iter().collect();
     order.sort_by(|a, b| b.distance_m.total_cmp(&a.distance_m));
@@ -104,20 +106,20 @@ fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> 
             picture.frame(bounds, colour, thickness);
         }
     }
-    if with_text {
-        header = header_lines(record, width);
-        draw_labels(&mut picture, record, (width, height), header.len());
-    }
     let colour = match record.alarm.level.as_str() {
         "alarm" => CAUSE,
         "clear" => PLAIN,
         _ => UNCONFIRMED,
     };
+    let mut margin = 0;
     if ["warning", "alarm"].contains(&record.alarm.level.as_str()) {
-        picture.frame([0, 0, width as u32, height as u32], colour, 4);
+        picture.frame([0, 0, width as u32, height as u32], colour, ALARM_FRAME_PX.into());
+        margin = ALARM_FRAME_PX.into();
     }
     if with_text {
-        draw_legend(&mut picture);
+        let header = header_lines(record, width);
+        draw_labels(&mut picture, record, header.len(), margin);
+        draw_legend(&mut picture, margin);
         let motion = (record.motion.text(), if record.motion.known { PATH } else { PLAIN });
         let lines = header.into_iter().map(|line| (line, colour)).chain([motion]);
         for (y, (line, colour)) in (HEADER_PX.0..).step_by(HEADER_PX.1 as usize).zip(lines) {
@@ -146,13 +148,8 @@ fn header_lines(record: &FrameRecord, width: usize) -> Vec<String> {
     lines
 }
 
-/// The labels of the obstacles, the cause of an alarm first, then the nearest.
-fn draw_labels(
-    picture: &mut Picture,
-    record: &FrameRecord,
-    (width, height): (usize, usize),
-    header_lines: usize,
-) {
+/// The labels of the obstacles, the cause of an alarm first, then the nearest; none within `margin` px of the edge.
+fn draw_labels(picture: &mut Picture, record: &FrameRecord, header_lines: usize, margin: i32) {
     let is_labelled = |o: &&ObstacleLine| {
         o.confirmed || (o.width_px >= MIN_LABELLED_PX && o.distance_m <= MAX_UNCONFIRMED_M)
     };
@@ -169,12 +166,12 @@ fn draw_labels(
     let wanted: Vec<Wanted> = order.iter().enumerate().map(wanted).collect();
     let (character, line) = TEXT_PX;
     let side = |px: usize| i32::try_from(px).unwrap_or(i32::MAX);
-    let size = (side(width), side(height));
-    let legend = [0, size.1 - line, size.0, size.1];
+    let size = (side(picture.width()), side(picture.height()));
+    let legend = [0, size.1 - line - margin, size.0, size.1];
     // With the line of the own motion.
     let header = HEADER_PX.0 + HEADER_PX.1 * (header_lines as i32 + 1);
     let taken = [[0, 0, size.0, header.min(size.1)], legend];
-    for label in labels::place(&wanted, Setting { character, line, size }, &taken) {
+    for label in labels::place(&wanted, Setting { character, line, size, margin }, &taken) {
         let colour = of_obstacle(record, order[label.index]);
         if let Some([from, to]) = label.leader {
             picture.line(from, to, colour, 1);
@@ -196,20 +193,20 @@ fn texts(o: &ObstacleLine) -> [String; 2] {
     if o.class == "obstacle" { [long, short] } else { [format!("{} {long}", o.class), short] }
 }
 
-/// The colours and their meaning in the last row, where the picture is wide enough.
-fn draw_legend(picture: &mut Picture) {
+/// The colours and their meaning in the last row above the `margin`, where the picture is wide enough.
+fn draw_legend(picture: &mut Picture, margin: i32) {
     let (character, line) = TEXT_PX;
     let dashed = ("dashed: predicted", PLAIN);
     let long = |text: &str| (text.len() as i32 + 1) * character;
     let words = LEGEND.into_iter().chain([dashed]);
     let total: i32 = words.clone().map(|(text, _)| long(text)).sum();
     let (width, height) = (picture.width() as i32, picture.height() as i32);
-    if total > width || height < MIN_LEGEND_ROWS {
+    if total > width - margin || height < MIN_LEGEND_ROWS {
         return;
     }
     let mut x = 6;
     for (text, colour) in words {
-        picture.text(text, x, height - line, colour);
+        picture.text(text, x, height - line - margin, colour);
         x += long(text);
     }
 }
@@ -301,5 +298,44 @@ mod tests {
         assert_eq!((plain.at(21, 50), plain.at(8, 12)), (CONFIRMED, [90, 90, 90]));
         assert_eq!(plain.at(80, 50), [90, 90, 90], "beyond the free space");
         assert_ne!(picture.at(8, 12), [90, 90, 90], "text");
+    }
+
+    #[test]
+    fn the_frame_of_the_alarm_covers_no_label() {
+        let (width, height) = (640, 240);
+        let left = vec![90; width * height];
+        let (disparity, profile) = (vec![0; width * height], vec![0.0; height]);
+        let rig = Rig { focal_px: 100.0, baseline_m: 0.3, cx_px: 320.0, cy_px: 120.0 };
+        let input = OverlayInput {
+            left: &left,
+            disparity: &disparity,
+            profile_px: &profile,
+            edges: EdgePoints::default(),
+            width,
+            height,
+            rig,
+        };
+        // Boxes that end at the left and the right edge.
+        let obstacle = |x: u32| ObstacleLine {
+            confirmed: true,
+            x_px: x,
+            y_px: 100,
+            width_px: 10,
+            height_px: 60,
+            distance_m: 12.0,
+            ..ObstacleLine::default()
+        };
+        let alarm = AlarmLine { level: "alarm".into(), ..AlarmLine::default() };
+        let obstacles = vec![obstacle(0), obstacle(630)];
+        let picture = draw(input, &FrameRecord { alarm, obstacles, ..FrameRecord::default() });
+        let frame = ALARM_FRAME_PX as usize;
+        for depth in 0..frame {
+            let is_whole = (0..height)
+                .all(|y| [depth, width - 1 - depth].map(|x| picture.at(x, y)) == [CAUSE; 2])
+                && (0..width).all(|x| [depth, height - 1 - depth].map(|y| picture.at(x, y)) == [CAUSE; 2]);
+            assert!(is_whole, "no text lies on the frame, {depth} px from the edge");
+        }
+        // The labels above the boxes, 79 px wide with their dark background, begin and end at the frame.
+        assert_eq!([picture.at(frame + 78, 88), picture.at(width - frame - 79, 88)], [[0, 0, 0]; 2]);
     }
 }

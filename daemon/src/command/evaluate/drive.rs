@@ -41,7 +41,8 @@ RECORDING is a folder, an MCAP file or scene:NAME, as for lookout replay. It is 
 through all stages. No labels are needed: nothing was hit on the drive, so
 
 - a confirmed obstacle is false if more than 0.2 m of its width lie in the strip, 1.8 m wide, that the
-  vehicle drove through within the next 3 s;
+  vehicle drove through within the next 3 s, unless it moves along: what drives ahead has left when the
+  vehicle is there, and is not judged;
 - each warning and each alarm is false, unless something crossed ahead and left in time: look at it.
 
 Where the vehicle drove is known from KITTI's poses (a 3x4 matrix a line, camera to first camera), from
@@ -51,7 +52,8 @@ the stages never see it. The options --poses, --oxts, --times and --rig are give
 recording, in their order; --rig may be given once for all.
 
 clear, warning, alarm: frames. warnings, alarms: rises to that level or beyond. judged: frames of which
-the path ahead is known. false: false obstacles over these frames; tracks: their tracks. life: time
+the path ahead is known. false: false obstacles over these frames; tracks: their tracks. moving:
+obstacles in the strip that move along; in strip: both, which is what false counted before. life: time
 after which half of the confirmed tracks were lost (Kaplan and Meier; what left the picture or the range
 and what is there at the end tells only that it lived so long; > is a lower limit). jumps: share of
 consecutive measured boxes whose width changes by more than 30 %. pred: share of predicted boxes.

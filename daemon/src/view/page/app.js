@@ -84,6 +84,10 @@ function away(why) {
   // The reason stands beside it already.
   if (page.frames === 0) wait("");
   else setAlarm("off", "alarm off", "no daemon");
+  // Nothing that was true of the daemon is shown as current.
+  forgetMotion();
+  byId("health").textContent = "";
+  drawAway();
 }
 
 // Before the first frame nothing is known, not even that the alarm is off.
@@ -108,8 +112,10 @@ async function takeFrame(frame, parts) {
     return image;
   });
   const decoded = await Promise.allSettled(images.map((image) => image.decode()));
+  images.forEach((image) => URL.revokeObjectURL(image.src));
+  // The connection may have been lost meanwhile.
+  if (!page.live) return;
   pictures.forEach((name, i) => {
-    URL.revokeObjectURL(images[i].src);
     if (decoded[i].status !== "fulfilled") return;
     const before = byId(name);
     images[i].alt = before.alt;
@@ -156,6 +162,10 @@ function tellMotion({ motion }) {
   element.textContent = motion.known ? ownMotion(motion) : "own motion unknown: straight path";
 }
 
+function forgetMotion() {
+  byId("motion").className = byId("motion").textContent = "";
+}
+
 // The visible text changes with every frame. The text for screen readers changes only with the level, and is
 // repeated while an alarm lasts.
 function setAlarm(level, text, more) {
@@ -182,22 +192,29 @@ function takeStatus(status, history) {
   const rate = last && last.rate_hz !== null ? `${last.rate_hz.toFixed(1)} frames per second, ` : "";
   const why = status.reason ? ` (${status.reason})` : "";
   if (page.frames === 0) wait(status.reason || status.state);
-  byId("health").textContent =
-    `${status.state}${why}: ${rate}latency p50 ${status.latency_p50_ms.toFixed(0)} ms, p99 ${status.latency_p99_ms.toFixed(0)} ms`;
+  const latency = status.frames === 0 ? "no frame yet" :
+    `latency p50 ${status.latency_p50_ms.toFixed(0)} ms, p99 ${status.latency_p99_ms.toFixed(0)} ms`;
+  byId("health").textContent = `${status.state}${why}: ${rate}${latency}`;
 }
 
-// An old picture must not be mistaken for the current road.
+// An old picture must not be mistaken for the current road, nor none for an empty road.
 function tellAge() {
   const age = performance.now() - page.frame_at;
   const stale = document.querySelector(".stale");
-  const is_old = page.frame !== null && age > STALE_MS;
-  stale.hidden = !is_old && !page.is_paused;
-  if (is_old || page.is_paused) {
+  const is_first = page.frame === null;
+  const is_old = !is_first && age > STALE_MS;
+  stale.hidden = !is_first && !is_old && !page.is_paused;
+  stale.classList.toggle("waiting", is_first);
+  if (!stale.hidden) {
     const why = page.is_paused ? "paused" : "no new frame";
-    const text = `${why}: last frame ${(age / 1000).toFixed(0)} s ago`;
+    const last = `${why}: last frame ${(age / 1000).toFixed(0)} s ago`;
+    const text = !is_first ? last : page.is_paused ? "paused before the first frame" : "waiting for the first frame";
     if (stale.textContent !== text) stale.textContent = text;
   }
-  if (is_old && !page.is_paused && page.live) setAlarm("off", "alarm off", "no new frame");
+  if (is_old && !page.is_paused && page.live) {
+    setAlarm("off", "alarm off", "no new frame");
+    forgetMotion();
+  }
 }
 
 function pause() {

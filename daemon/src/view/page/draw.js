@@ -226,6 +226,7 @@ function drawBirds(frame, points) {
     const [x, y] = at(r.lateral_m - r.width_m / 2, r.distance_m);
     c.strokeRect(x, y - 2, r.width_m * perMetre, 2);
   }
+  const numbers = [];
   for (const o of frame.obstacles.filter((o) => o.confirmed)) {
     const isCause = isAbout(frame, o);
     const depth = Math.max(0.6, Math.min(o.width_m, 4) * 0.8);
@@ -245,8 +246,9 @@ function drawBirds(frame, points) {
     }
     c.beginPath(); c.moveTo(...at(o.lateral_m, o.distance_m - 2 * o.distance_sigma_m));
     c.lineTo(...at(o.lateral_m, o.distance_m + 2 * o.distance_sigma_m)); c.stroke();
-    c.fillText(o.distance_m.toFixed(0), x + o.width_m * perMetre + 3, y + 8);
+    numbers.push({ o, isCause, x: x + o.width_m * perMetre + 3, y: y + 8, fill: c.fillStyle });
   }
+  drawNumbers(c, numbers);
   c.fillStyle = colour("--ink");
   const [mx, my] = at(0, 0);
   c.beginPath(); c.moveTo(mx, my - 9); c.lineTo(mx - 6, my + 4); c.lineTo(mx + 6, my + 4); c.fill();
@@ -257,6 +259,22 @@ function drawBirds(frame, points) {
   const line = frame.path.left_m.length < 2 ? "" : frame.path.known ? "; blue: path" : "; dashed: straight path";
   canvas.setAttribute("aria-label", `Road from above: ${text}`);
   byId("birds-caption").textContent = `${text}; outline: free space; violet: boundaries; lines from tracks: predicted motion in one second${line}`;
+}
+
+// Distances beside the tracks: the cause of an alarm first, then the nearest. One that would cover another is left out.
+const [NUMBER_PX, NUMBER_GAP_PX] = [11, 2];
+
+function drawNumbers(c, numbers) {
+  const placed = [];
+  const order = [...numbers].sort((a, b) => b.isCause - a.isCause || a.o.distance_m - b.o.distance_m);
+  for (const { o, x, y, fill } of order) {
+    const text = o.distance_m.toFixed(0);
+    const right = x + c.measureText(text).width + NUMBER_GAP_PX;
+    if (placed.some((b) => x < b.right && b.x < right && Math.abs(y - b.y) < NUMBER_PX)) continue;
+    placed.push({ x, right, y });
+    c.fillStyle = fill;
+    c.fillText(text, x, y);
+  }
 }
 
 // Corners of the free space, from the left: [x, z] in metres, two for each group of columns.
@@ -408,9 +426,10 @@ function drawChart(name, samples, series, unit, least) {
   // What this machine does not have needs no panel.
   view.closest(".panel").hidden = series.length === 0;
   if (known.length === 0) {
+    const text = noData(name, samples);
     view.replaceChildren(svg("text", { x: 10, y: height / 2 }, "no data"));
-    view.setAttribute("aria-label", "no data");
-    byId(`k-${name}`).textContent = name === "speed" ? "own motion unknown" : "not available on this machine";
+    view.setAttribute("aria-label", text);
+    byId(`k-${name}`).textContent = text;
     return;
   }
   const top = niceTop(Math.max(...known, least));
@@ -453,6 +472,12 @@ function drawChart(name, samples, series, unit, least) {
   }));
 }
 
+// Why a chart has no values: some come with frames only.
+function noData(name, samples) {
+  if (!["latency", "speed"].includes(name)) return "not available on this machine";
+  return samples.some((s) => s.latency_ms !== null) ? "own motion unknown" : "waiting for frames";
+}
+
 function niceTop(value) {
   const power = 10 ** Math.floor(Math.log10(Math.max(value, 1e-6)));
   for (const step of [1, 1.5, 2, 3, 4, 5, 6, 8, 10]) if (value <= step * power) return step * power;
@@ -483,6 +508,18 @@ function drawCharts(samples, stages) {
   drawChart("heat", samples, sensors("temperatures", 1), "°C", 60);
   drawChart("clock", samples, sensors("clocks", 1e-6), "MHz", 1000);
   drawHealth(samples);
+}
+
+// Without a daemon the curves stay, but no value and no process is current.
+function drawAway() {
+  for (const view of document.querySelectorAll(".chart")) {
+    // One that was never drawn waits.
+    if (!view.hasChildNodes()) continue;
+    const caption = byId(view.id.replace("c-", "k-"));
+    caption.textContent = "no daemon: values until it was lost";
+    view.setAttribute("aria-label", caption.textContent);
+  }
+  byId("processes").tBodies[0].replaceChildren(row(["no daemon"], "none"));
 }
 
 // Bars with one slice for each second.

@@ -31,7 +31,8 @@ pub fn to_html(report: &DriveReport, films: &[Film]) -> String {
     let mut body = String::from("<h1>Drives</h1>\n");
     body.push_str(
         "<p>Nothing was hit. So each warning and alarm is false, unless something crossed ahead and left in time, and so is \
-         each confirmed obstacle that reaches into the strip that the vehicle then drove through.</p>\n",
+         each confirmed obstacle that reaches into the strip that the vehicle then drove through, unless it moves along: what \
+         drives ahead has left when the vehicle is there, and is not judged (moving).</p>\n",
     );
     table(&mut body, report);
     let films = films.iter().chain(std::iter::repeat(const { &Film::new() }));

@@ -46,9 +46,9 @@ impl DriveReport {
 }
 
 /// Columns of the table after the name.
-pub const COLUMNS: [&str; 16] = [
+pub const COLUMNS: [&str; 18] = [
     "frames", "s", "off %", "clear", "warning", "alarm", "warnings", "alarms", "judged", "false", "tracks",
-    "a frame", "life s", "jumps %", "pred %", "unfree %",
+    "a frame", "moving", "in strip", "life s", "jumps %", "pred %", "unfree %",
 ];
 
 /// The cells of a row below [`COLUMNS`]; a dash where there is no figure.
@@ -68,6 +68,8 @@ pub fn cells(score: &DriveScore) -> [String; COLUMNS.len()] {
         score.false_obstacles.to_string(),
         score.false_tracks.to_string(),
         format!("{:.3}", score.false_per_frame),
+        score.moving_obstacles.to_string(),
+        score.in_strip_obstacles.to_string(),
         score.life_median_s.map_or("-".into(), |s| format!("{more}{s:.1}")),
         share(score.width_jumps_percent),
         share(score.predicted_percent),
@@ -100,6 +102,10 @@ impl fmt::Display for DriveReport {
         let score = &self.total;
         if score.without_size > 0 {
             writeln!(f, "{} of {} boxes have no size", score.without_size, score.boxes)?;
+        }
+        if score.moving_obstacles > 0 {
+            let (boxes, tracks) = (score.moving_obstacles, score.moving_tracks);
+            writeln!(f, "{boxes} boxes of {tracks} tracks in the driven strip moved along: not judged")?;
         }
         writeln!(f, "{} of {} confirmed tracks were lost in view", score.tracks_lost, score.tracks)?;
         for recording in &self.recordings {
@@ -146,14 +152,15 @@ mod tests {
         let text = report.to_string();
         let lines: Vec<Vec<&str>> = text.lines().map(|l| l.split_whitespace().collect()).collect();
         assert_eq!((lines[1][0], lines[2][0], lines[3][0]), ("a", "longer/name", "total"), "{text}");
-        assert_eq!(lines[1][9..13], ["46", "0", "0", "0.000"][..], "{text}");
+        assert_eq!(lines[1][9..15], ["46", "0", "0", "0.000", "0", "0"][..], "{text}");
         assert_eq!(lines[3][1..4], ["120", "11.8", "100.0"][..], "{text}");
-        assert_eq!(lines[3][9..13], ["92", "4", "1", "0.043"][..], "{text}");
+        assert_eq!(lines[3][9..15], ["92", "4", "1", "0.043", "0", "4"][..], "{text}");
         assert!(text.contains("alarm off in 120 frames: no road seen"), "{text}");
         assert!(text.contains("longer/name: judged by poses.txt\n  frame 7: warning: track 3\n"), "{text}");
         assert_eq!(text.matches("and 1 more").count(), 2, "{text}");
         let json = serde_json::to_value(&report).unwrap();
-        assert_eq!(json["recordings"][1]["false_obstacles"], 4);
+        let last = &json["recordings"][1];
+        assert_eq!((&last["false_obstacles"], &last["in_strip_obstacles"]), (&4.into(), &4.into()));
         assert_eq!((&json["total"]["levels"]["off"], &json["total"]["judged"]), (&120.into(), &92.into()));
         assert_eq!(json["recordings"][0]["off_reasons"]["no road seen"], 60);
         // One recording alone needs no total.

@@ -24,7 +24,7 @@ pub struct Levels {
     pub alarm: usize,
 }
 
-/// A confirmed obstacle that reached into the strip that the vehicle then drove through.
+/// A confirmed obstacle that reached into the strip that the vehicle then drove through, and did not move along.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct FalseObstacle {
     /// Frame, from 0.
@@ -57,6 +57,8 @@ pub struct Judgement {
     pub tally: Tally,
     /// Every false obstacle, frame by frame.
     pub false_obstacles: Vec<FalseObstacle>,
+    /// Tracks in the driven strip that moved along, so that it cannot tell whether they were false.
+    pub moving_tracks: BTreeSet<u32>,
     /// Every onset of a warning and of an alarm; a rise from clear to alarm is both.
     pub onsets: Vec<Onset>,
 }
@@ -73,6 +75,8 @@ pub struct Tally {
     judged: usize,
     false_obstacles: usize,
     false_tracks: usize,
+    moving_obstacles: usize,
+    moving_tracks: usize,
     ground: DrivenGround,
     steadiness: Steadiness,
 }
@@ -96,12 +100,22 @@ pub struct DriveScore {
     pub off_reasons: BTreeMap<String, usize>,
     /// Frames of which the path ahead is known: those that false obstacles are looked for in.
     pub judged: usize,
-    /// Confirmed obstacles in the driven strip, counted in each frame.
+    /// Confirmed obstacles in the driven strip that did not move along, counted in each frame.
     pub false_obstacles: usize,
     /// Tracks of them.
     pub false_tracks: usize,
     /// False obstacles in a judged frame.
     pub false_per_frame: f64,
+    /// Confirmed obstacles in the driven strip that moved along, counted in each frame: not judged.
+    pub moving_obstacles: usize,
+    /// Tracks of them.
+    pub moving_tracks: usize,
+    /// Confirmed obstacles in the driven strip, moving or not: what counted as false before moving ones were told apart.
+    pub in_strip_obstacles: usize,
+    /// Tracks of them.
+    pub in_strip_tracks: usize,
+    /// The same obstacles in a judged frame.
+    pub in_strip_per_frame: f64,
     /// Metres of the driven strip up to 15 m ahead, summed over the judged frames.
     pub driven_m: f64,
     /// Of them not called free over the whole width of the strip; what drove ahead there counts.
@@ -145,7 +159,7 @@ pub fn judge(
     let mut found = Judgement::default();
     let tally = &mut found.tally;
     (tally.frames, tally.seconds) = (records.len(), path.seconds());
-    let (mut before, mut tracks) = (0, BTreeSet::new());
+    let (mut before, mut speeds) = (0, BTreeMap::<u32, Speeds>::new());
     for (frame, record) in records.iter().enumerate() {
         let level = record.alarm.level.as_str();
         tally.levels.add(level);
@@ -167,7 +181,7 @@ pub fn judge(
         tally.ground.add_frame(record, &strip);
         for obstacle in &record.obstacles {
             if let Some(overlap_m) = strip.false_overlap_m(obstacle) {
-                tracks.insert(obstacle.track);
+                speeds.entry(obstacle.track).or_default().add(path.moves_along(frame, obstacle));
                 found.false_obstacles.push(FalseObstacle {
                     frame,
                     track: obstacle.track,
@@ -179,10 +193,35 @@ pub fn judge(
             }
         }
     }
+    let moving = speeds.iter().filter(|(_, speeds)| speeds.is_moving()).map(|(track, _)| *track);
+    found.moving_tracks = moving.collect();
+    let in_strip = found.false_obstacles.len();
+    found.false_obstacles.retain(|one| !found.moving_tracks.contains(&one.track));
     tally.false_obstacles = found.false_obstacles.len();
-    tally.false_tracks = tracks.len();
+    tally.moving_obstacles = in_strip - tally.false_obstacles;
+    tally.moving_tracks = found.moving_tracks.len();
+    tally.false_tracks = speeds.len() - tally.moving_tracks;
     tally.steadiness = steadiness(records, view);
     found
+}
+
+/// In how many frames in the strip a track's speed was known, and in how many of them it moved along.
+#[derive(Clone, Copy, Debug, Default)]
+struct Speeds {
+    known: usize,
+    along: usize,
+}
+
+impl Speeds {
+    fn add(&mut self, moves_along: Option<bool>) {
+        self.known += usize::from(moves_along.is_some());
+        self.along += usize::from(moves_along == Some(true));
+    }
+
+    /// A track is judged as a whole: at first its speed is not known, and one frame is no proof.
+    fn is_moving(self) -> bool {
+        2 * self.along > self.known
+    }
 }
 
 impl Levels {
@@ -224,6 +263,8 @@ impl Tally {
         self.judged += other.judged;
         self.false_obstacles += other.false_obstacles;
         self.false_tracks += other.false_tracks;
+        self.moving_obstacles += other.moving_obstacles;
+        self.moving_tracks += other.moving_tracks;
         self.ground.add(&other.ground);
         self.steadiness.add(&other.steadiness);
     }
@@ -232,6 +273,8 @@ impl Tally {
     pub fn score(&self) -> DriveScore {
         let s = &self.steadiness;
         let life = median_life(&s.lives);
+        let per_frame = |count: usize| tidy(count as f64 / self.judged.max(1) as f64);
+        let in_strip = self.false_obstacles + self.moving_obstacles;
         DriveScore {
             frames: self.frames,
             seconds: tidy(self.seconds),
@@ -243,7 +286,12 @@ impl Tally {
             judged: self.judged,
             false_obstacles: self.false_obstacles,
             false_tracks: self.false_tracks,
-            false_per_frame: tidy(self.false_obstacles as f64 / self.judged.max(1) as f64),
+            false_per_frame: per_frame(self.false_obstacles),
+            moving_obstacles: self.moving_obstacles,
+            moving_tracks: self.moving_tracks,
+            in_strip_obstacles: in_strip,
+            in_strip_tracks: self.false_tracks + self.moving_tracks,
+            in_strip_per_frame: per_frame(in_strip),
             driven_m: tidy(self.ground.driven_m),
             not_free_m: tidy(self.ground.not_free_m),
             not_free_percent: self.ground.not_free_percent().map(tidy),
@@ -301,6 +349,34 @@ mod tests {
         let score = judge(&path, &silent, &[], &VIEW).tally.score();
         assert_eq!((score.false_obstacles, score.false_per_frame, score.levels.clear), (0, 0.0, 60));
         assert_eq!((score.predicted_percent, score.life_median_s), (None, None));
+    }
+
+    #[test]
+    fn what_drives_ahead_in_the_strip_is_not_judged() {
+        let path = straight(60, 8.0);
+        let along = |track, closing_m_s| ObstacleLine {
+            track,
+            closing_m_s,
+            closing_sigma_m_s: closing_m_s.map(|_| 0.3),
+            ..thing(12.0, 0.0, 1.8)
+        };
+        // Track 1 drives ahead as fast as the vehicle; its speed is not known at first. Track 2 stands, but once seemed to drive.
+        let records: Vec<FrameRecord> = (0..60)
+            .map(|i| {
+                let first = along(1, (i > 3).then_some(0.0));
+                let second = along(2, Some(if i == 12 { 0.0 } else { 8.0 }));
+                record(i, "clear", if i >= 10 { vec![first, second] } else { vec![first] })
+            })
+            .collect();
+        let found = judge(&path, &records, &[], &VIEW);
+        let score = found.tally.score();
+        assert_eq!((score.judged, score.moving_obstacles, score.moving_tracks), (46, 46, 1));
+        assert_eq!((score.false_obstacles, score.false_tracks, score.false_per_frame), (36, 1, 0.7826));
+        assert_eq!(
+            (score.in_strip_obstacles, score.in_strip_tracks, score.in_strip_per_frame),
+            (82, 2, 1.7826)
+        );
+        assert!(found.false_obstacles.iter().all(|one| one.track == 2) && found.moving_tracks.contains(&1));
     }
 
     #[test]

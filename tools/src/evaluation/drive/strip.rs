@@ -29,6 +29,14 @@ const END_GAP_M: f64 = 1.0;
 /// of its sides and of the path.
 pub const MIN_OVERLAP_M: f64 = 0.2;
 
+/// What moves along with the vehicle has left the strip when the vehicle is there, so the strip cannot tell whether it was false.
+/// A speed over ground that is this many standard deviations above 0,
+const ALONG_SIGMAS: f64 = 3.0;
+/// and above this one, in m/s: walking pace, and more than the error of the path's own speed.
+const MIN_ALONG_M_S: f64 = 1.0;
+/// Time around a frame over which the path's own speed is taken, in seconds: from frame to frame it is noise.
+const OWN_SPEED_S: f64 = 0.5;
+
 /// Where the vehicle was at each frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DrivenPath {
@@ -76,6 +84,29 @@ impl DrivenPath {
     pub fn frame_at(&self, time_s: f64) -> usize {
         let apart = |frame: &usize| (self.time_s(*frame) - time_s).abs();
         (0..self.frames()).min_by(|a, b| apart(a).total_cmp(&apart(b))).unwrap_or(0)
+    }
+
+    /// Whether an obstacle moves along with the vehicle at a frame, by its closing speed and the driven path; `None` if its
+    /// closing speed, or the path, is not known.
+    pub fn moves_along(&self, frame: usize, obstacle: &ObstacleLine) -> Option<bool> {
+        let (closing_m_s, sigma_m_s) = obstacle.closing_m_s.zip(obstacle.closing_sigma_m_s)?;
+        let standing_m_s = self.standing_closing_m_s(frame, [obstacle.lateral_m, obstacle.distance_m])?;
+        Some(standing_m_s - closing_m_s > MIN_ALONG_M_S.max(ALONG_SIGMAS * sigma_m_s))
+    }
+
+    /// How fast a standing thing to the right and forward of the camera comes nearer at a frame, in m/s: in a bend not with
+    /// the vehicle's speed.
+    fn standing_closing_m_s(&self, frame: usize, [right_m, forward_m]: [f64; 2]) -> Option<f64> {
+        let now_s = *self.times_s.get(frame)?;
+        let is_near = |j: &usize| (self.times_s[*j] - now_s).abs() <= OWN_SPEED_S / 2.0;
+        let first = (0..=frame).rev().take_while(is_near).last().unwrap_or(frame);
+        let last = (frame..self.frames()).take_while(is_near).last().unwrap_or(frame);
+        // Of a recording with few frames a second, the next one.
+        let last = if first == last { last + 1 } else { last };
+        let elapsed_s = self.times_s.get(last)? - self.times_s[first];
+        let place = self.poses[frame].apply([right_m, 0.0, forward_m]);
+        let ahead_m = |j: usize| self.poses[j].inverse().apply(place)[2];
+        (elapsed_s > 0.0).then(|| (ahead_m(first) - ahead_m(last)) / elapsed_s)
     }
 
     /// The strip that the vehicle drove through within [`AHEAD_S`] after a frame; `None` if too little of it is known, or
@@ -184,6 +215,45 @@ pub mod tests {
         // Nearer than the front, and beyond the 24 m that were driven less one.
         assert_eq!((overlap(thing(2.4, 0.0, 1.0)), overlap(thing(25.1, 0.0, 1.0))), (None, None));
         assert_eq!(overlap(thing(24.9, 0.0, 1.0)), Some(1.0));
+    }
+
+    #[test]
+    fn what_moves_along_is_told_from_what_stands() {
+        let path = straight(60, 8.0);
+        let moves = |closing_m_s, sigma_m_s| {
+            let [closing_m_s, closing_sigma_m_s] = [closing_m_s, sigma_m_s].map(Some);
+            path.moves_along(20, &ObstacleLine { closing_m_s, closing_sigma_m_s, ..thing(12.0, 0.0, 1.8) })
+        };
+        assert_eq!(
+            (moves(0.0, 0.3), moves(8.0, 0.3), moves(14.0, 0.3)),
+            (Some(true), Some(false), Some(false))
+        );
+        // 2 m/s over ground, well and badly known, and less than walking pace.
+        assert_eq!(
+            (moves(6.0, 0.5), moves(6.0, 0.8), moves(7.2, 0.1)),
+            (Some(true), Some(false), Some(false))
+        );
+        assert_eq!(path.moves_along(20, &thing(12.0, 0.0, 1.8)), None, "its speed is not known");
+        let still =
+            ObstacleLine { closing_m_s: Some(0.0), closing_sigma_m_s: Some(0.1), ..thing(12.0, 0.0, 1.8) };
+        assert_eq!(
+            (path.moves_along(59, &still), path.moves_along(60, &still)),
+            (Some(true), None),
+            "the path ends"
+        );
+        // On a bend to the left with 0.2 rad/s: what is 4 m to the left closes by 0.8 m/s slower.
+        let times_s: Vec<f64> = (0..40).map(|i| 0.1 * f64::from(i)).collect();
+        let pose = |time_s: &f64| {
+            let turned = 0.2 * time_s;
+            let translation_m = [40.0 * (turned.cos() - 1.0), 0.0, 40.0 * turned.sin()];
+            Pose { translation_m, ..Pose::from_rotation_vector([0.0, -turned, 0.0]) }
+        };
+        let path = Trajectory { poses: times_s.iter().map(pose).collect(), ..Trajectory::default() };
+        let path = DrivenPath::new(&path, &times_s, 40);
+        for (right_m, expected) in [(-4.0, 7.2), (0.0, 8.0), (4.0, 8.8)] {
+            let found = path.standing_closing_m_s(20, [right_m, 12.0]).unwrap();
+            assert!((found - expected).abs() < 0.05, "{right_m}: {found}");
+        }
     }
 
     #[test]

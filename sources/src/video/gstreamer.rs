@@ -8,8 +8,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Longest wait for the next frame of a file, and for its first one.
-const PATIENCE: gst::ClockTime = gst::ClockTime::from_seconds(30);
+/// Longest wait for the next frame of a file, and for its first one, as a number of waits of [`SLICE`] each.
+const PATIENCE: u32 = 300;
+
+/// How often a wait looks for an error, after which no frame comes.
+const SLICE: gst::ClockTime = gst::ClockTime::from_mseconds(100);
 
 /// Size, rate and number of frames of a video. Its frames are counted without decoding them.
 ///
@@ -18,7 +21,7 @@ const PATIENCE: gst::ClockTime = gst::ClockTime::from_seconds(30);
 pub fn info(path: &Path) -> Result<VideoInfo, SourceError> {
     let fail = |explanation: String| SourceError::Foreign { path: path.to_owned(), explanation };
     let decoding = Decoding::start(path).map_err(&fail)?;
-    let sample = decoding.sink.try_pull_preroll(PATIENCE);
+    let sample = decoding.wait(|sink| sink.try_pull_preroll(SLICE));
     let caps = sample.as_ref().and_then(|sample| sample.caps()?.structure(0));
     let caps = caps.ok_or_else(|| fail(decoding.fault("has no pictures")))?;
     let side = |name: &str| caps.get::<i32>(name).ok().and_then(|side| usize::try_from(side).ok());
@@ -147,6 +150,26 @@ impl Decoding {
         Ok(Self { running, sink })
     }
 
+    /// What `take` gets before the end, an error, or the end of patience.
+    fn wait(&self, take: impl Fn(&AppSink) -> Option<gst::Sample>) -> Option<gst::Sample> {
+        let bus = self.running.0.bus();
+        for _ in 0..PATIENCE {
+            // An error may come behind frames that are still to be taken.
+            let has_failed = bus.as_ref().is_some_and(|bus| {
+                bus.iter_filtered(&[gst::MessageType::Error])
+                    .next()
+                    .is_some_and(|error| bus.post(error).is_ok())
+            });
+            if let Some(sample) = take(&self.sink) {
+                return Some(sample);
+            }
+            if has_failed || self.sink.is_eos() {
+                return None;
+            }
+        }
+        None
+    }
+
     fn fault(&self, what: &str) -> String {
         let text = reason_of(&self.running.0, &format!("GStreamer: it {what}"));
         format!("{text}: is it complete? If a decoder is missing: apt install gstreamer1.0-libav, or ffmpeg")
@@ -195,7 +218,7 @@ impl GstVideo {
         }
         let Some(decoding) = &self.decoding else { return Err("GStreamer does not run".into()) };
         loop {
-            let Some(sample) = decoding.sink.try_pull_sample(PATIENCE) else {
+            let Some(sample) = decoding.wait(|sink| sink.try_pull_sample(SLICE)) else {
                 let reason = decoding.fault(&format!("ended before frame {}", self.next));
                 (self.ended, self.decoding) = (Some(self.next), None);
                 return Err(reason);
@@ -234,7 +257,7 @@ mod tests {
         gst::init().unwrap();
         let text = format!(
             "appsrc name=in format=time caps=video/x-raw,format=GRAY8,width=70,height=50,framerate=20/1 ! videoconvert ! \
-             video/x-raw,format=I420 ! theoraenc quality=63 ! oggmux ! filesink location={}",
+             video/x-raw,format=I420 ! theoraenc quality=63 ! oggmux ! filesink location=\"{}\"",
             path.display()
         );
         let pipeline = gst::parse::launch(&text).unwrap().downcast::<gst::Pipeline>().unwrap();

@@ -9,7 +9,7 @@ use tools::reporting::summary::AlarmChange;
 pub const MAX_CHANGES: usize = 100;
 
 /// The changes so far.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct AlarmLog {
     /// Level and rule of the last change.
     last: Option<(u32, u32)>,

@@ -110,12 +110,12 @@ fn licence_files(folder: &Path) -> Result<Vec<(String, String)>, String> {
     Ok(files)
 }
 
-/// C sources below a folder; those of tests are not compiled.
+/// C sources below a folder. Those of tests are not compiled: `tests`, and `test` of nix.
 fn c_sources(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), String> {
     let fail = |error: std::io::Error| format!("{}: {error}", folder.display());
     for entry in std::fs::read_dir(folder).map_err(fail)? {
         let path = entry.map_err(fail)?.path();
-        if path.is_dir() && !path.ends_with("tests") {
+        if path.is_dir() && !path.ends_with("tests") && !path.ends_with("test") {
             c_sources(&path, found)?;
         } else if path.extension().is_some_and(|e| ["c", "h", "cc", "cpp", "S"].iter().any(|s| e == *s)) {
             found.push(path);

@@ -4,7 +4,8 @@
     check_out.py FRAMES.log obstacles.jsonl lookout.dbc
 
 FRAMES.log is what `candump -L` wrote. Checks checksum and alive counter of every frame, that each cycle is whole, and
-that the values of each cycle that has a result are those of its line of obstacles.jsonl, to half a step of each signal.
+that the values of each cycle that has a result are those of its line of obstacles.jsonl, to half a step of each signal; of what
+a cycle holds, that line lacks the age, whether an object moves, and the state of the daemon.
 Needs the Python package cantools, which decodes the frames. Prints what was compared.
 """
 import json
@@ -41,8 +42,9 @@ class Check:
         self.steps = {s.name: s for m in database.messages for s in m.signals}
         self.values = 0
 
-    def equal(self, name, got, expected):
-        """Asserts that a signal has a value: to half a step, or the end of its range, or absent."""
+    def equal(self, name, got, expected, rounding=1e-3):
+        """Asserts that a signal has a value: to half a step, or the end of its range, or absent. The line of obstacles.jsonl
+        is itself rounded by up to `rounding`."""
         self.values += 1
         signal = self.steps[name]
         if expected is None:
@@ -51,7 +53,7 @@ class Check:
             assert str(got) == expected, f"{name} is {got}, not {expected}"
         else:
             within = min(max(expected, signal.minimum), signal.maximum)
-            slack = signal.scale / 2 + 1e-3
+            slack = signal.scale / 2 + rounding
             assert str(got) != ABSENT and abs(float(got) - within) <= slack, f"{name} is {got}, not {expected}"
 
     def shape(self, cycle, name, obstacle):
@@ -97,13 +99,25 @@ class Check:
         ):
             self.equal(f"Own_{signal}", cycle[f"Own_{signal}"], motion[key])
         self.equal("Own_Known", cycle["Own_Known"], "yes" if motion["known"] else "no")
-        self.equal("Path_Known", cycle["Path_Known"], "yes" if record["path"]["known"] else "no")
+        for signal in ("Standstill", "Disagree"):
+            self.equal(f"Own_{signal}", cycle[f"Own_{signal}"], "yes" if motion[signal.lower()] else "no")
+        self.equal("Status_Source", cycle["Status_Source"], "scene")
+        path = record["path"]
+        self.equal("Path_Known", cycle["Path_Known"], "yes" if path["known"] else "no")
+        self.equal("Path_Curvature", cycle["Path_Curvature"], path["curvature_per_m"], 6e-5)
+        self.equal("Path_CurvatureSigma", cycle["Path_CurvatureSigma"], path["curvature_sigma_per_m"], 6e-5)
+        (left_m, front_m), (right_m, _) = path["left_m"][0], path["right_m"][0]
+        self.equal("Path_HalfWidth", cycle["Path_HalfWidth"], (right_m - left_m) / 2)
+        in_path = sum(o["in_path"] and o["confirmed"] for o in record["obstacles"])
+        self.equal("Path_ObjectsInPath", cycle["Path_ObjectsInPath"], in_path)
         self.equal("Path_Objects", cycle["Path_Objects"], len(record["obstacles"]))
         nearest_m = alarm["nearest_m"]
         if is_off:
             self.equal("Path_FreeDistance", cycle["Path_FreeDistance"], None)
         elif nearest_m is None:
             self.equal("Path_FreeDistance", cycle["Path_FreeDistance"], float("inf"))
+        else:
+            self.equal("Path_FreeDistance", cycle["Path_FreeDistance"], max(nearest_m - front_m, 0.0))
         if is_off or nearest_m is None:
             self.equal("Nearest_Distance", cycle["Nearest_Distance"], None)
         else:

@@ -98,10 +98,10 @@ impl Drop for Running {
     }
 }
 
-/// What a pipeline reported as its error, after `what`.
+/// What a pipeline reports as its error, after `what`. It may end before it says why.
 fn reason_of(pipeline: &gst::Pipeline, what: &str) -> String {
     let bus = pipeline.bus();
-    let said = bus.and_then(|bus| bus.timed_pop_filtered(gst::ClockTime::ZERO, &[gst::MessageType::Error]));
+    let said = bus.and_then(|bus| bus.timed_pop_filtered(SLICE, &[gst::MessageType::Error]));
     match said.as_ref().map(|message| message.view()) {
         Some(gst::MessageView::Error(error)) => format!("{what}: {}", error.error()),
         _ => what.into(),

@@ -123,6 +123,10 @@ fn of_programs() -> Finding {
             let text = "gst-launch-1.0, no ffmpeg: videos can be written, but not read";
             Finding::note("programs", text, "apt install ffmpeg, to replay videos")
         }
+        (false, false) if cfg!(feature = "gstreamer") => {
+            let text = "GStreamer is built in: videos can be read; lookout replay --video writes .gif only";
+            Finding::note("programs", text, "apt install ffmpeg, to write other videos")
+        }
         (false, false) => {
             let remedy = "apt install ffmpeg; without it videos cannot be read, and lookout replay --video writes .gif only";
             Finding::note("programs", "neither ffmpeg nor gst-launch-1.0", remedy)

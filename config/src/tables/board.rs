@@ -65,7 +65,7 @@ table! {
     pub struct Clocks, reload: Reload::Scheduler;
 
     /// Fixes the clocks below while the daemon runs, and restores them afterwards. `require` does not start if the
-    /// system refuses; `prefer` continues and is degraded.
+    /// system refuses; `prefer` sets those that are there and is degraded.
     set: Choice(&["off", "prefer", "require"]) = "off";
 
     /// Clock of all cores: the highest available step at or below this; 0 leaves it unchanged.

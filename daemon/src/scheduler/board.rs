@@ -172,6 +172,7 @@ impl Board {
             gpu: frequency(c.gpu_mhz),
             gpu_by_override: config.board.gpu == "tk1",
             gpu_device: config.board.gpu_device.clone(),
+            needs_all: c.set == "require",
         };
         if c.set == "off" || (settings.cpu.is_none() && settings.gpu.is_none()) {
             return Ok(());
@@ -470,7 +471,7 @@ mod tests {
     }
 
     #[test]
-    fn preferred_clocks_that_cannot_be_set_are_a_fault_with_a_reason() {
+    fn a_preferred_clock_that_is_missing_is_a_fault_and_the_others_are_set() {
         let (tree, run) = (tree(60.0), tempfile::tempdir().unwrap());
         let mut config = config(&tree, "");
         config.clocks.gpu_mhz = 852.0;
@@ -478,6 +479,8 @@ mod tests {
         config.clocks.set = "prefer".into();
         let board = Board::start(&config, run.path(), 0).unwrap();
         assert!(board.fault().is_some_and(|fault| fault.contains("no gpu clock")));
+        assert_ne!(tree.get(&format!("{POLICY}/scaling_min_freq")), "600000");
+        drop(board);
         assert_eq!(tree.get(&format!("{POLICY}/scaling_min_freq")), "600000");
     }
 }

@@ -35,6 +35,8 @@ pub struct ClockSettings {
     pub gpu_by_override: bool,
     /// Patterns of the GPU's name in devfreq.
     pub gpu_device: String,
+    /// Whether a configured clock that the board lacks is an error; otherwise it is a fault, and the others are set.
+    pub needs_all: bool,
 }
 
 /// A controlled clock.
@@ -58,6 +60,8 @@ pub struct Clocks {
     file: PathBuf,
     clocks: Vec<Clock>,
     saved: Vec<Saved>,
+    /// Why a configured clock is not controlled.
+    lacking: Option<String>,
     share: f64,
 }
 
@@ -66,18 +70,19 @@ impl Clocks {
     /// restored first.
     ///
     /// # Errors
-    /// If a clock is missing, the kernel refuses, or `file` cannot be used. No clock is changed then.
+    /// If a clock is missing that is needed, or all are, the kernel refuses, or `file` cannot be used. No clock is changed
+    /// then.
     pub fn take(sysfs: &Sysfs, settings: &ClockSettings, file: &Path) -> Result<Self, ClockError> {
         if restore(sysfs, file)?.is_some() {
             tracing::warn!("clocks that a killed run had set were restored first");
         }
         let mut clocks = Vec::new();
         let mut saved = Vec::new();
-        let missing = |what| ClockError::Missing { what, root: sysfs.path("") };
+        let mut missing = Vec::new();
         if let Some(wanted) = settings.cpu {
             let devices = device::cpus(sysfs);
             if devices.is_empty() {
-                return Err(missing("cpu"));
+                missing.push("cpu");
             }
             clocks.extend(devices.into_iter().map(|device| Clock::new(device, wanted)));
             // The kernel of the TK1 switches idle cores off (cpuquiet).
@@ -87,14 +92,22 @@ impl Clocks {
             }
         }
         if let Some(wanted) = settings.gpu {
-            let device = gpu(sysfs, settings.gpu_by_override, &settings.gpu_device);
-            clocks.push(Clock::new(device.ok_or_else(|| missing("gpu"))?, wanted));
+            match gpu(sysfs, settings.gpu_by_override, &settings.gpu_device) {
+                Some(device) => clocks.push(Clock::new(device, wanted)),
+                None => missing.push("gpu"),
+            }
         }
+        let lacking = missing.first().map(|&what| ClockError::Missing { what, root: sysfs.path("") });
+        let lacking = match lacking {
+            Some(error) if settings.needs_all || clocks.is_empty() => return Err(error),
+            lacking => lacking.map(|error| error.to_string()),
+        };
         for clock in &clocks {
             saved.push(Saved { values: clock.device.save(sysfs)?, device: clock.device.clone() });
         }
         keep(file, &saved)?;
-        let mut all = Self { sysfs: sysfs.clone(), file: file.to_owned(), clocks, saved, share: 1.0 };
+        let mut all =
+            Self { sysfs: sysfs.clone(), file: file.to_owned(), clocks, saved, lacking, share: 1.0 };
         for quiet in all.saved.iter().filter(|saved| saved.device.kind == DeviceKind::CpuQuiet) {
             quiet.device.restore(sysfs, &[0])?;
         }
@@ -134,7 +147,7 @@ impl Clocks {
 
     /// Description of the first fault of a clock; `None` if there is none.
     pub fn fault(&self) -> Option<String> {
-        self.clocks.iter().find_map(|clock| {
+        let of_clocks = self.clocks.iter().find_map(|clock| {
             let name = &clock.device.name;
             if let Some(refused) = &clock.refused {
                 return Some(format!("clock {name} cannot be set: {refused}"));
@@ -145,7 +158,8 @@ impl Clocks {
                 Some(read) => Some(format!("clock {name} runs at {read}, set to {expected}")),
                 None => Some(format!("clock {name} cannot be read back")),
             }
-        })
+        });
+        of_clocks.or_else(|| self.lacking.clone())
     }
 
     /// Name, target and last reading of each clock.

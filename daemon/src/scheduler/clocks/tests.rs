@@ -82,6 +82,7 @@ fn settings(cpu: f64, gpu: f64) -> ClockSettings {
         gpu: some(gpu),
         gpu_by_override: false,
         gpu_device: "*gpu*,*ga10b".into(),
+        needs_all: true,
     }
 }
 
@@ -311,6 +312,29 @@ fn only_a_regular_file_that_nobody_else_can_write_is_obeyed() {
     symlink(&elsewhere, kept.with_extension("new")).unwrap();
     drop(Clocks::take(&tree.sysfs(), &settings(800.0, 0.0), &kept).unwrap());
     assert_eq!(std::fs::read_to_string(&elsewhere).unwrap(), "precious");
+}
+
+#[test]
+fn a_board_without_the_gpu_still_has_its_cores_set() {
+    let state = tempfile::tempdir().unwrap();
+    let kept = state_file(state.path());
+    let tree = orin();
+    let before = snapshot(&tree);
+    let gpu_elsewhere = ClockSettings { gpu_device: "none-such".into(), ..settings(800.0, 408.0) };
+    let error = Clocks::take(&tree.sysfs(), &gpu_elsewhere, &kept).unwrap_err().to_string();
+    assert!(error.contains("no gpu clock"), "{error}");
+    assert_eq!(snapshot(&tree), before, "a needed clock is missing: nothing is changed");
+    let preferred = ClockSettings { needs_all: false, ..gpu_elsewhere };
+    let clocks = Clocks::take(&tree.sysfs(), &preferred, &kept).unwrap();
+    assert_ne!(snapshot(&tree), before, "the cores are set");
+    assert!(clocks.readings().count() >= 1);
+    let fault = clocks.fault().unwrap_or_default();
+    assert!(fault.contains("no gpu clock") && fault.contains("clocks.gpu_mhz to 0"), "{fault}");
+    drop(clocks);
+    assert_eq!(snapshot(&tree), before, "restored");
+    // Nothing to set at all is told as an error.
+    let only_gpu = ClockSettings { cpu: None, ..preferred };
+    assert!(Clocks::take(&tree.sysfs(), &only_gpu, &kept).is_err() && !kept.exists());
 }
 
 #[test]

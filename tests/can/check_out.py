@@ -106,7 +106,8 @@ class Check:
         self.equal("Path_Known", cycle["Path_Known"], "yes" if path["known"] else "no")
         self.equal("Path_Curvature", cycle["Path_Curvature"], path["curvature_per_m"], 6e-5)
         self.equal("Path_CurvatureSigma", cycle["Path_CurvatureSigma"], path["curvature_sigma_per_m"], 6e-5)
-        (left_m, front_m), (right_m, _) = path["left_m"][0], path["right_m"][0]
+        (left_m, left_front_m), (right_m, right_front_m) = path["left_m"][0], path["right_m"][0]
+        front_m = (left_front_m + right_front_m) / 2
         self.equal("Path_HalfWidth", cycle["Path_HalfWidth"], (right_m - left_m) / 2)
         in_path = sum(o["in_path"] and o["confirmed"] for o in record["obstacles"])
         self.equal("Path_ObjectsInPath", cycle["Path_ObjectsInPath"], in_path)

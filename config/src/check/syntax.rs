@@ -10,6 +10,12 @@ pub(super) fn syntax_error(text: &str, offset: Option<usize>, message: &str) -> 
         (Some(Place::Table(name)), true) => format!("write all keys of the table below one [{name}]"),
         (_, true) => "keep one of them".into(),
         (Some(Place::Table(name)), false) => format!("write [{name}] alone on the line"),
+        (_, false) if message.contains("escape") => {
+            "write \\\\ for a backslash, or the text in single quotes".into()
+        }
+        (_, false) if message.contains("unclosed") || message.contains("missing") => {
+            "write KEY = VALUE, with each quote and bracket closed".into()
+        }
         (_, false) => "write KEY = VALUE, with texts in quotes".into(),
     };
     match place {
@@ -43,11 +49,12 @@ fn place(text: &str, offset: usize) -> Option<Place> {
     Some(Place::Key(table.map_or_else(|| name.to_owned(), |table| format!("{table}.{name}"))))
 }
 
-/// The name in a line that begins a table.
+/// The name in a line that begins a table: `[name]`, or that without its end.
 fn header(line: &str) -> Option<&str> {
     let inside = line.trim_start().strip_prefix('[')?;
-    let (name, _) = name_at_start(inside.trim_start_matches('[').trim_start());
-    (!name.is_empty()).then_some(name)
+    let (name, rest) = name_at_start(inside.trim_start_matches('[').trim_start());
+    let begins = name.starts_with(|c: char| c.is_ascii_alphabetic());
+    (begins && (rest.trim().is_empty() || rest.trim_start().starts_with([']', '#']))).then_some(name)
 }
 
 /// A name without quotes and of a sensible length at the start of a text, and the rest.
@@ -80,6 +87,7 @@ mod tests {
             ("[source]\npath = \"a\n", "2: source.path: "),
             ("[alarm]\ndistance_m 7\n", "2: alarm.distance_m: "),
             ("[alarm]\ndistance_m =\n", "2: alarm.distance_m: "),
+            ("[source]\npath = \"a\\qb\"\n", "2: source.path: "),
         ] {
             let errors = parse(text, Path::new("car.toml")).unwrap_err().to_string();
             assert!(errors.starts_with(&format!("car.toml:{expected}")), "{text}{errors}");

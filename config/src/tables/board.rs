@@ -65,7 +65,8 @@ table! {
     pub struct Clocks, reload: Reload::Scheduler;
 
     /// Fixes the clocks below while the daemon runs, and restores them afterwards. `require` does not start if the
-    /// system refuses; `prefer` sets those that are there and is degraded.
+    /// system refuses; `prefer` goes on and is degraded: a clock that the board lacks leaves the others set, a refusal
+    /// leaves all as they were.
     set: Choice(&["off", "prefer", "require"]) = "off";
 
     /// Clock of all cores: the highest available step at or below this; 0 leaves it unchanged.

@@ -57,6 +57,13 @@ impl From<FormatChoice> for Format {
 
 /// Where a rig TOML of four numbers is shown, its text: it holds no cameras.
 fn four_numbers(args: &RigCommand) -> Result<Option<String>, CommandError> {
+    if let [first, second, ..] = &args.files[..]
+        && let Some(toml) =
+            [first, second].into_iter().find(|file| file.extension().is_some_and(|end| end == "toml"))
+    {
+        let text = "a rig file holds both cameras: give it alone, or the two files of the cameras";
+        return Err(CommandError::Other(format!("{}: {text}", toml.display())));
+    }
     let [file] = &args.files[..] else { return Ok(None) };
     if args.out.is_some() || file.extension().is_none_or(|ending| ending != "toml") {
         return Ok(None);

@@ -184,6 +184,9 @@ impl Board {
                     tracing::info!(clock = name, set = %target, read, "clock is set");
                 }
                 let clocks = self.clocks.insert(clocks);
+                if let Some(fault) = clocks.fault() {
+                    tracing::warn!("{fault}");
+                }
                 if let Some(heat) = self.heat.as_ref().filter(|heat| heat.rung() >= Rung::Clocks) {
                     clocks.set(heat.action().clocks_share)?;
                 }

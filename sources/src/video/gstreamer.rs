@@ -5,78 +5,51 @@ use crate::SourceError;
 use gst::prelude::*;
 use gst_app::AppSink;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Longest wait for the next frame of a file, and for its first one, as a number of waits of [`SLICE`] each.
-const PATIENCE: u32 = 300;
-
-/// How often a wait looks for an error, after which no frame comes.
+/// How often a wait for a frame looks for an error, after which none may come.
 const SLICE: gst::ClockTime = gst::ClockTime::from_mseconds(100);
 
-/// Size, rate and number of frames of a video. Its frames are counted without decoding them.
+/// Longest wait for a frame, in slices.
+const PATIENCE: u32 = 300;
+
+/// Longest wait after an error for frames that were decoded before it, in slices.
+const PATIENCE_AFTER_ERROR: u32 = 10;
+
+/// Contents that lead to other files or into the network: a video is one file.
+const ELSEWHERE: [&str; 4] =
+    ["application/x-hls", "application/dash+xml", "application/vnd.ms-sstr+xml", "application/sdp"];
+
+/// What to do where GStreamer cannot decode a video.
+const REMEDY: &str = "is it complete? If a decoder is missing: apt install gstreamer1.0-libav, or ffmpeg";
+
+/// Size, rate and number of frames of a video. It is decoded once to count them: no other count holds for all formats.
 ///
 /// # Errors
 /// If GStreamer cannot read or decode it; the text has GStreamer's reason.
 pub fn info(path: &Path) -> Result<VideoInfo, SourceError> {
     let fail = |explanation: String| SourceError::Foreign { path: path.to_owned(), explanation };
     let decoding = Decoding::start(path).map_err(&fail)?;
-    let sample = decoding.wait(|sink| sink.try_pull_preroll(SLICE));
-    let caps = sample.as_ref().and_then(|sample| sample.caps()?.structure(0));
-    let caps = caps.ok_or_else(|| fail(decoding.fault("has no pictures")))?;
-    let side = |name: &str| caps.get::<i32>(name).ok().and_then(|side| usize::try_from(side).ok());
-    let (Some(width), Some(height)) = (side("width"), side("height")) else {
+    let first = decoding.next("has no pictures").map_err(&fail)?;
+    let caps = first.as_ref().and_then(|sample| sample.caps()?.structure(0));
+    let (Some(caps), Some((width, height))) = (caps, first.as_ref().and_then(size_of)) else {
         return Err(fail(decoding.fault("has no pictures")));
     };
     check_side(width, height).map_err(&fail)?;
     let rate = caps.get::<gst::Fraction>("framerate").ok().filter(|rate| rate.denom() != 0);
     let rate = rate.map(|rate| f64::from(rate.numer()) / f64::from(rate.denom()));
     let rate_hz = rate.filter(|rate| RATES.contains(rate)).unwrap_or(DEFAULT_RATE_HZ);
-    match count(path).map_err(&fail)? {
-        0 => Err(fail("GStreamer finds no frames in it".into())),
-        frames => Ok(VideoInfo { width, height, rate_hz, frames }),
+    let mut frames = 1;
+    while decoding.next("cannot be counted").map_err(&fail)?.is_some() {
+        frames += 1;
     }
+    Ok(VideoInfo { width, height, rate_hz, frames })
 }
 
-/// Number of frames of the first video stream: its parsed, not decoded buffers.
-fn count(path: &Path) -> Result<u64, String> {
-    let (pipeline, source) = pipeline_from(path)?;
-    let parser = element("parsebin")?;
-    let add = |part: &gst::Element| pipeline.add(part).map_err(|error| error.to_string());
-    add(&parser)?;
-    source.link(&parser).map_err(|error| error.to_string())?;
-    let frames = Arc::new(AtomicU64::new(0));
-    let (counter, whole, is_taken) = (frames.clone(), pipeline.downgrade(), AtomicU64::new(0));
-    parser.connect_pad_added(move |_, pad| {
-        let (Some(pipeline), Ok(sink)) = (whole.upgrade(), element("fakesink")) else { return };
-        sink.set_property("sync", false);
-        let caps = pad.current_caps().unwrap_or_else(|| pad.query_caps(None));
-        let is_video = caps.structure(0).is_some_and(|caps| caps.name().starts_with("video/"));
-        if is_video && is_taken.fetch_add(1, Ordering::Relaxed) == 0 {
-            let counter = counter.clone();
-            pad.add_probe(gst::PadProbeType::BUFFER, move |_, probe| {
-                // The heads of Theora and others travel as buffers.
-                if probe.buffer().is_some_and(|buffer| !buffer.flags().contains(gst::BufferFlags::HEADER)) {
-                    counter.fetch_add(1, Ordering::Relaxed);
-                }
-                gst::PadProbeReturn::Ok
-            });
-        }
-        // A stream that cannot be linked is left out: if it was the video's, no frames are counted, which is an error.
-        if pipeline.add(&sink).is_ok() && sink.sync_state_with_parent().is_ok() {
-            let _ = sink.static_pad("sink").map(|target| pad.link(&target));
-        }
-    });
-    let running = Running(pipeline);
-    running.play()?;
-    let bus = running.0.bus().ok_or("GStreamer has no messages")?;
-    let ends = [gst::MessageType::Eos, gst::MessageType::Error];
-    match bus.timed_pop_filtered(gst::ClockTime::NONE, &ends).as_ref().map(|message| message.view()) {
-        Some(gst::MessageView::Error(error)) => {
-            Err(format!("GStreamer cannot read this video: {}", error.error()))
-        }
-        _ => Ok(frames.load(Ordering::Relaxed)),
-    }
+/// Width and height of a frame, in px.
+fn size_of(sample: &gst::Sample) -> Option<(usize, usize)> {
+    let caps = sample.caps()?.structure(0)?;
+    let side = |name: &str| usize::try_from(caps.get::<i32>(name).ok()?).ok();
+    Some((side("width")?, side("height")?))
 }
 
 /// A pipeline that is stopped when it goes.
@@ -86,7 +59,7 @@ impl Running {
     fn play(&self) -> Result<(), String> {
         match self.0.set_state(gst::State::Playing) {
             Ok(_) => Ok(()),
-            Err(_) => Err(reason_of(&self.0, "GStreamer cannot open this video")),
+            Err(_) => Err(format!("{}: {REMEDY}", reason_of(&self.0, "GStreamer cannot open this video"))),
         }
     }
 }
@@ -140,39 +113,57 @@ impl Decoding {
         pipeline.add_many(parts).map_err(|error| error.to_string())?;
         source.link(&decoder).map_err(|error| error.to_string())?;
         convert.link(&sink).map_err(|error| error.to_string())?;
+        // Those of boards deliver memory of the GPU, which nothing here converts.
+        if decoder.has_property("force-sw-decoders") {
+            decoder.set_property("force-sw-decoders", true);
+        }
+        // Whether decodebin shall go on with a stream.
+        decoder.connect("autoplug-continue", false, |values| {
+            let caps = values.get(2).and_then(|value| value.get::<gst::Caps>().ok());
+            let name = caps.as_ref().and_then(|caps| Some(caps.structure(0)?.name().to_string()));
+            let is_wanted =
+                name.is_none_or(|name| !name.starts_with("audio/") && !ELSEWHERE.contains(&&name[..]));
+            Some(is_wanted.to_value())
+        });
         decoder.connect_pad_added(move |_, pad| {
-            // Sound does not fit, and a second picture finds the place taken.
-            let _ =
-                convert.static_pad("sink").filter(|place| !place.is_linked()).map(|place| pad.link(&place));
+            let caps = pad.current_caps().unwrap_or_else(|| pad.query_caps(None));
+            let is_picture = caps.structure(0).is_some_and(|caps| caps.name() == "video/x-raw");
+            // A second picture finds the place taken. Without a link nothing arrives, which is told.
+            if let Some(place) = convert.static_pad("sink").filter(|place| is_picture && !place.is_linked()) {
+                let _ = pad.link(&place);
+            }
         });
         let running = Running(pipeline);
         running.play()?;
         Ok(Self { running, sink })
     }
 
-    /// What `take` gets before the end, an error, or the end of patience.
-    fn wait(&self, take: impl Fn(&AppSink) -> Option<gst::Sample>) -> Option<gst::Sample> {
+    /// The next frame; `None` at the end of the video, also of one that is cut off.
+    fn next(&self, what: &str) -> Result<Option<gst::Sample>, String> {
         let bus = self.running.0.bus();
+        let mut since_error = 0;
         for _ in 0..PATIENCE {
-            // An error may come behind frames that are still to be taken.
-            let has_failed = bus.as_ref().is_some_and(|bus| {
-                bus.iter_filtered(&[gst::MessageType::Error])
-                    .next()
-                    .is_some_and(|error| bus.post(error).is_ok())
-            });
-            if let Some(sample) = take(&self.sink) {
-                return Some(sample);
+            if let Some(sample) = self.sink.try_pull_sample(SLICE) {
+                return Ok(Some(sample));
             }
-            if has_failed || self.sink.is_eos() {
-                return None;
+            if self.sink.is_eos() {
+                return Ok(None);
+            }
+            // It stays for the one who asks for its text.
+            let has_failed = bus.as_ref().is_some_and(|bus| {
+                let error = bus.iter_filtered(&[gst::MessageType::Error]).next();
+                error.is_some_and(|error| bus.post(error).is_ok())
+            });
+            since_error += u32::from(has_failed);
+            if since_error > PATIENCE_AFTER_ERROR {
+                return Err(self.fault(what));
             }
         }
-        None
+        Err(format!("GStreamer gives no frame for {} s: is the disk slow?", PATIENCE / 10))
     }
 
     fn fault(&self, what: &str) -> String {
-        let text = reason_of(&self.running.0, &format!("GStreamer: it {what}"));
-        format!("{text}: is it complete? If a decoder is missing: apt install gstreamer1.0-libav, or ffmpeg")
+        format!("{}: {REMEDY}", reason_of(&self.running.0, &format!("GStreamer: it {what}")))
     }
 }
 
@@ -218,24 +209,34 @@ impl GstVideo {
         }
         let Some(decoding) = &self.decoding else { return Err("GStreamer does not run".into()) };
         loop {
-            let Some(sample) = decoding.wait(|sink| sink.try_pull_sample(SLICE)) else {
-                let reason = decoding.fault(&format!("ended before frame {}", self.next));
-                (self.ended, self.decoding) = (Some(self.next), None);
-                return Err(reason);
+            let number = self.next;
+            let sample = match decoding.next(&format!("cannot be decoded at frame {number}")) {
+                Ok(Some(sample)) => sample,
+                end => {
+                    // What did not come in time may come to the next one who asks.
+                    self.ended = end.is_ok().then_some(number);
+                    self.decoding = None;
+                    return Err(end.err().unwrap_or_else(|| format!("the video ends before frame {number}")));
+                }
             };
             self.next += 1;
             if self.next > index {
-                return copy(&sample, width, frame).ok_or_else(|| format!("frame {index} has another size"));
+                return copy(&sample, self.size, frame).ok_or_else(|| {
+                    format!(
+                        "frame {index} has another size than the first one: cut the video where it changes"
+                    )
+                });
             }
         }
     }
 }
 
 /// Copies a sample without the padding of its rows, which begin at multiples of four bytes.
-fn copy(sample: &gst::Sample, width: usize, frame: &mut [u8]) -> Option<()> {
+fn copy(sample: &gst::Sample, (width, height): (usize, usize), frame: &mut [u8]) -> Option<()> {
+    size_of(sample).filter(|size| *size == (width, height))?;
     let map = sample.buffer()?.map_readable().ok()?;
     let stride = width.next_multiple_of(4);
-    if map.len() < stride * (frame.len() / width).saturating_sub(1) + width {
+    if map.len() < stride * height.saturating_sub(1) + width {
         return None;
     }
     for (row, target) in map.chunks(stride).zip(frame.chunks_exact_mut(width)) {
@@ -251,13 +252,14 @@ mod tests {
 
     const FRAMES: u64 = 12;
 
-    /// A video of 70x50 px, whose frame number n is grey 40 + 10 n in the upper half and black below, in a container that
+    /// A video with sound of 70x50 px, whose frame number n is grey 40 + 10 n in the upper half and black below, in a container that
     /// GStreamer's own base plugins write and read.
     fn video(path: &Path) {
         gst::init().unwrap();
         let text = format!(
             "appsrc name=in format=time caps=video/x-raw,format=GRAY8,width=70,height=50,framerate=20/1 ! videoconvert ! \
-             video/x-raw,format=I420 ! theoraenc quality=63 ! oggmux ! filesink location=\"{}\"",
+             video/x-raw,format=I420 ! theoraenc quality=63 ! queue ! oggmux name=mux ! filesink location=\"{}\" \
+             audiotestsrc num-buffers=20 ! audioconvert ! vorbisenc ! queue ! mux.",
             path.display()
         );
         let pipeline = gst::parse::launch(&text).unwrap().downcast::<gst::Pipeline>().unwrap();
@@ -302,7 +304,7 @@ mod tests {
             assert!(lower[70 * 10..].iter().all(|&v| v <= 3), "frame {index}");
         }
         let error = source.read(FRAMES, &mut frame).unwrap_err().to_string();
-        assert!(error.contains("ended before frame 12"), "{error}");
+        assert!(error.contains("ends before frame 12"), "{error}");
         assert!(
             source.read(FRAMES + 1, &mut frame).unwrap_err().to_string().contains("ends before frame 12")
         );
@@ -313,10 +315,17 @@ mod tests {
     #[test]
     fn what_is_no_video_is_told_with_its_name() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("text.mp4");
-        std::fs::write(&path, "no video\n".repeat(50)).unwrap();
-        let error = info(&path).unwrap_err().to_string();
-        assert!(error.starts_with(&path.display().to_string()) && error.contains("GStreamer"), "{error}");
+        let playlist =
+            "#EXTM3U\n#EXT-X-VERSION:3\n#EXT-X-TARGETDURATION:9\n#EXTINF:9,\nother.ts\n#EXT-X-ENDLIST\n";
+        for (name, text) in
+            [("text.mp4", &"no video\n".repeat(50)[..]), ("elsewhere.mp4", playlist), ("no.mkv", "")]
+        {
+            let path = folder.path().join(name);
+            std::fs::write(&path, text).unwrap();
+            let error = info(&path).unwrap_err().to_string();
+            assert!(error.starts_with(&path.display().to_string()) && error.contains("GStreamer"), "{error}");
+            assert!(error.contains("apt install"), "{error}");
+        }
         let missing = VideoFiles::SideBySide(folder.path().join("none.mp4"));
         assert!(super::super::VideoSource::open(&missing).is_err());
     }

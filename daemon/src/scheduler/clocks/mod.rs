@@ -100,7 +100,7 @@ impl Clocks {
         let lacking = missing.first().map(|&what| ClockError::Missing { what, root: sysfs.path("") });
         let lacking = match lacking {
             Some(error) if settings.needs_all || clocks.is_empty() => return Err(error),
-            lacking => lacking.map(|error| error.to_string()),
+            lacking => lacking.map(|error| format!("not all clocks are set: {error}")),
         };
         for clock in &clocks {
             saved.push(Saved { values: clock.device.save(sysfs)?, device: clock.device.clone() });

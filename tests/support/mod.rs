@@ -218,6 +218,27 @@ impl Bench {
     /// Asserts that this instance has left nothing: no folder, no mark of a run of its name, and
     /// nothing in shared memory without the mark of its run.
     pub fn assert_clean(&self) {
+        self.assert_no_memory_left();
+        let left = self.left_in_run_folder();
+        assert!(!self.path("run").exists(), "left in the run folder: {left:?}");
+    }
+
+    /// The files and other things below the run folder that are no folders.
+    pub fn left_in_run_folder(&self) -> Vec<PathBuf> {
+        let mut folders = vec![self.path("run")];
+        let mut left = Vec::new();
+        while let Some(folder) = folders.pop() {
+            // A folder that is not there has nothing in it.
+            for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+                let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
+                if is_folder { folders.push(entry.path()) } else { left.push(entry.path()) }
+            }
+        }
+        left
+    }
+
+    /// Asserts that no run of this instance is marked, and that nothing is in shared memory without the mark of its run.
+    pub fn assert_no_memory_left(&self) {
         assert_eq!(self.run_prefix(), None, "a run of this instance is still marked");
         let names = shared_names();
         for name in &names {
@@ -226,7 +247,6 @@ impl Bench {
             let marked = names.contains(&format!("{run}run"));
             assert!(marked || !shared_names().contains(name), "{name} is left without its run");
         }
-        assert!(!self.path("run").exists(), "left in the run folder");
     }
 
     /// What the shared memory of this instance's run starts with.

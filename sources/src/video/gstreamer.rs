@@ -159,7 +159,8 @@ impl Decoding {
                 return Err(self.fault(what));
             }
         }
-        Err(format!("GStreamer gives no frame for {} s: is the disk slow?", PATIENCE / 10))
+        let waited_s = (SLICE * u64::from(PATIENCE)).seconds();
+        Err(format!("GStreamer gives no frame for {waited_s} s: is the disk slow?"))
     }
 
     fn fault(&self, what: &str) -> String {

@@ -217,6 +217,18 @@ pub mod tests {
         assert_eq!(overlap(thing(24.9, 0.0, 1.0)), Some(1.0));
     }
 
+    /// Four seconds to the left at 8 m/s on a radius of 40 m, ten frames a second.
+    fn bend() -> DrivenPath {
+        let times_s: Vec<f64> = (0..40).map(|i| 0.1 * f64::from(i)).collect();
+        let pose = |time_s: &f64| {
+            let turned = 0.2 * time_s;
+            let translation_m = [40.0 * (turned.cos() - 1.0), 0.0, 40.0 * turned.sin()];
+            Pose { translation_m, ..Pose::from_rotation_vector([0.0, -turned, 0.0]) }
+        };
+        let path = Trajectory { poses: times_s.iter().map(pose).collect(), ..Trajectory::default() };
+        DrivenPath::new(&path, &times_s, 40)
+    }
+
     #[test]
     fn what_moves_along_is_told_from_what_stands() {
         let path = straight(60, 8.0);
@@ -242,14 +254,7 @@ pub mod tests {
             "the path ends"
         );
         // On a bend to the left with 0.2 rad/s: what is 4 m to the left closes by 0.8 m/s slower.
-        let times_s: Vec<f64> = (0..40).map(|i| 0.1 * f64::from(i)).collect();
-        let pose = |time_s: &f64| {
-            let turned = 0.2 * time_s;
-            let translation_m = [40.0 * (turned.cos() - 1.0), 0.0, 40.0 * turned.sin()];
-            Pose { translation_m, ..Pose::from_rotation_vector([0.0, -turned, 0.0]) }
-        };
-        let path = Trajectory { poses: times_s.iter().map(pose).collect(), ..Trajectory::default() };
-        let path = DrivenPath::new(&path, &times_s, 40);
+        let path = bend();
         for (right_m, expected) in [(-4.0, 7.2), (0.0, 8.0), (4.0, 8.8)] {
             let found = path.standing_closing_m_s(20, [right_m, 12.0]).unwrap();
             assert!((found - expected).abs() < 0.05, "{right_m}: {found}");
@@ -273,16 +278,9 @@ pub mod tests {
 
     #[test]
     fn the_strip_bends_as_the_vehicle_drove() {
-        // To the left at 8 m/s on a radius of 40 m.
-        let times_s: Vec<f64> = (0..40).map(|i| 0.1 * f64::from(i)).collect();
-        let pose = |time_s: &f64| {
-            let turned = 0.2 * time_s;
-            let translation_m = [40.0 * (turned.cos() - 1.0), 0.0, 40.0 * turned.sin()];
-            Pose { translation_m, ..Pose::from_rotation_vector([0.0, -turned, 0.0]) }
-        };
-        let path = Trajectory { poses: times_s.iter().map(pose).collect(), ..Trajectory::default() };
+        let path = bend();
         for frame in [0, 20] {
-            let strip = DrivenPath::new(&path, &times_s, 40).strip(frame).unwrap();
+            let strip = path.strip(frame).unwrap();
             // At 12 m the arc lies 1.84 m to the left of the axis.
             assert!(strip.false_overlap_m(&thing(12.0, -1.84, 1.0)).is_some_and(|m| m > 0.99), "{frame}");
             assert!(strip.false_overlap_m(&thing(12.0, 0.0, 1.0)).is_none(), "{frame}");

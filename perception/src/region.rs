@@ -103,6 +103,35 @@ impl Region {
         [self.lateral_m - half_m + self.inset_m[0], self.lateral_m + half_m - self.inset_m[1]]
     }
 
+    /// Distance at which a sector of rays, given by their lateral position at 1 m, meets the thing: its near side, or the side that
+    /// runs away from the camera; `None` where it passes both.
+    pub(crate) fn meets_m(&self, [left_slope, right_slope]: [f64; 2]) -> Option<f64> {
+        let ([left_m, right_m], near_m) = (self.ends_m(), self.distance_m);
+        if left_slope * near_m > right_m {
+            (right_m < 0.0 && left_slope < 0.0).then(|| right_m / left_slope)
+        } else if right_slope * near_m < left_m {
+            (left_m > 0.0 && right_slope > 0.0).then(|| left_m / right_slope)
+        } else {
+            Some(near_m)
+        }
+    }
+
+    /// Joins a part of the same thing. The near side remains what it is.
+    pub(crate) fn join(&mut self, part: &Region, rig: &Rig) {
+        let ends = [self.ends_m(), part.ends_m()];
+        self.bounds = self.bounds.joined(&part.bounds);
+        self.width_m = f64::from(self.bounds.width) * self.distance_m / rig.focal_px;
+        let middle = f64::from(self.bounds.x) + f64::from(self.bounds.width) / 2.0;
+        self.lateral_m = rig.lateral_m(middle, self.distance_m);
+        self.set_ends([ends[0][0].min(ends[1][0]), ends[0][1].max(ends[1][1])]);
+        self.height_m = self.height_m.max(part.height_m);
+        let pixels = [self.pixels, part.pixels].map(f64::from);
+        self.confidence =
+            (self.confidence * pixels[0] + part.confidence * pixels[1]) / (pixels[0] + pixels[1]).max(1.0);
+        self.pixels = self.pixels.saturating_add(part.pixels);
+        self.evidence = self.evidence.max(part.evidence);
+    }
+
     /// Sets where the thing itself ends, as far as that is within the box.
     pub(crate) fn set_ends(&mut self, [left_m, right_m]: [f64; 2]) {
         let half_m = self.width_m / 2.0;
@@ -115,6 +144,33 @@ impl Region {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn rays_meet_the_near_side_or_the_side_behind_it() {
+        // 2 to 4 m to the left, 5 m away; its right side is seen.
+        let region = Region {
+            bounds: PixelBox::default(),
+            disparity_px: 20.0,
+            disparity_sigma_px: 0.1,
+            distance_m: 5.0,
+            lateral_m: -2.5,
+            width_m: 3.0,
+            height_m: 1.5,
+            inset_m: [0.0, 1.0],
+            pixels: 100,
+            confidence: 0.9,
+            evidence: 5.0,
+        };
+        assert_eq!(region.ends_m(), [-4.0, -2.0]);
+        let meets = |left_m: f64, right_m: f64| region.meets_m([left_m / 5.0, right_m / 5.0]);
+        assert_eq!(meets(-3.0, -2.9), Some(5.0));
+        assert_eq!(meets(-2.1, -1.9), Some(5.0));
+        // A ray that is 1.25 m to the left at 5 m has come to 2 m at 8 m.
+        assert!((meets(-1.25, -1.0).unwrap() - 8.0).abs() < 1e-9);
+        assert_eq!(meets(0.1, 0.2), None);
+        let mirrored = Region { lateral_m: 2.5, inset_m: [1.0, 0.0], ..region };
+        assert!((mirrored.meets_m([0.2, 0.25]).unwrap() - 8.0).abs() < 1e-9);
+    }
 
     #[test]
     fn overlap_is_intersection_over_union() {

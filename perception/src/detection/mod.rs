@@ -8,13 +8,15 @@
 //! Steps:
 //!
 //! 1. [`stixels`]: vertical runs of similar disparity above the road, in strips of 4 columns.
-//! 2. [`regions`]: neighbouring stixels are grouped into regions.
+//! 2. [`regions`]: neighbouring stixels are grouped into regions; the sides of things that run away from the camera belong to
+//!    them (`sides`).
 //! 3. [`photometric`]: regions are verified in both images.
 //! 4. [`small_obstacles`]: obstacles too small for the disparity map, from the [`residual`] of both images.
 
 pub mod photometric;
 pub mod regions;
 pub mod residual;
+mod sides;
 pub mod small_obstacles;
 pub mod stixel_use;
 pub mod stixels;

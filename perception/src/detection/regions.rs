@@ -1,6 +1,7 @@
 //! Groups stixels into obstacle regions: pixel boxes with a distance.
 
 use super::photometric::Verifier;
+use super::sides::join_sides;
 use super::stixel_use::StixelUse;
 use super::stixels::{STRIP_COLUMNS, Stixel, Stixels};
 use crate::region::{PixelBox, Region};
@@ -81,18 +82,6 @@ const RAISED_SHARE: f64 = 0.6;
 const MAX_ARTEFACT_WIDTH_PX: u32 = 5 * STRIP_COLUMNS as u32;
 /// Confidence from which a narrow region is not an occlusion artefact.
 const MIN_SURE_CONFIDENCE: f64 = 0.7;
-/// Tail, that is the far end of a long object: largest width, and range of its depth behind the near side in
-/// metres.
-const MAX_TAIL_WIDTH_PX: u32 = 7 * STRIP_COLUMNS as u32;
-const TAIL_DEPTH_M: std::ops::Range<f64> = 0.3..6.0;
-/// Largest gap between tail and object, and largest overlap of both, in px.
-const MAX_TAIL_GAP_PX: u32 = STRIP_COLUMNS as u32;
-const MAX_TAIL_OVERLAP_PX: u32 = 2 * STRIP_COLUMNS as u32;
-/// Tolerance for equal rows or columns, in px.
-const ALIGNMENT_PX: u32 = 2;
-/// Evidence from which an object can have a tail, and evidence from which a tail is an object of its own.
-const TAIL_OWNER_EVIDENCE: f64 = 3.0;
-const INDEPENDENT_EVIDENCE: f64 = 5.0;
 /// Weights of the evidence: constant, log-odds of the confidence, logarithms of fill, height (m) and pixels.
 const EVIDENCE: [f64; 5] = [-4.0, 1.85, 3.6, 2.1, 1.1];
 /// Below the first value photometric verification is skipped. The second limits the evidence of the disparity
@@ -185,7 +174,7 @@ impl RegionFinder {
             }
             region.evidence = sum;
         }
-        self.suppress_tails();
+        join_sides(&mut self.regions, rig);
         self.regions.retain(|region| region.evidence >= MIN_EVIDENCE);
         &self.regions
     }
@@ -253,19 +242,6 @@ impl RegionFinder {
             }
         }
         regions.truncate(kept);
-    }
-
-    /// Reduces the evidence of narrow regions at the far end of a nearer, larger one. The side of a long
-    /// object is seen at a shallow angle and its end is blurred into the background. Only strong evidence
-    /// makes it an object of its own.
-    fn suppress_tails(&mut self) {
-        for i in 0..self.regions.len() {
-            let far = &self.regions[i];
-            let is_owner = |near: &Region| near.evidence > TAIL_OWNER_EVIDENCE && is_tail(far, near);
-            if far.evidence < INDEPENDENT_EVIDENCE && self.regions.iter().any(is_owner) {
-                self.regions[i].evidence = far.evidence.min(0.0);
-            }
-        }
     }
 
     fn measure(
@@ -414,26 +390,6 @@ fn evidence(region: &Region, surface: &RoadSurface) -> f64 {
         + EVIDENCE[4] * f64::from(region.pixels.max(1)).ln()
 }
 
-/// Whether a region may be the far end of a nearer, larger one: adjacent to it, and neither higher nor lower.
-fn is_tail(far: &Region, near: &Region) -> bool {
-    let (a, b) = (&near.bounds, &far.bounds);
-    let (a_end, b_end) = (a.x + a.width, b.x + b.width);
-    let is_left = b.x + b_end < a.x + a_end;
-    let (gap, overlap, beyond) = if is_left {
-        (a.x.saturating_sub(b_end), b_end.saturating_sub(a.x), a.x.saturating_sub(b.x))
-    } else {
-        (b.x.saturating_sub(a_end), a_end.saturating_sub(b.x), b_end.saturating_sub(a_end))
-    };
-    let adjacent = gap <= MAX_TAIL_GAP_PX && overlap <= MAX_TAIL_OVERLAP_PX && beyond > ALIGNMENT_PX;
-    let (a_bottom, b_bottom) = (a.y + a.height, b.y + b.height);
-    adjacent
-        && b_bottom <= a_bottom + ALIGNMENT_PX
-        && a.y <= b.y + 3 * ALIGNMENT_PX
-        && b.width <= MAX_TAIL_WIDTH_PX
-        && 2 * a.width * a.height >= 3 * b.width * b.height
-        && TAIL_DEPTH_M.contains(&(far.distance_m - near.distance_m))
-}
-
 /// Height of a region's top above the road, in standard deviations of the height noise.
 fn prominence(region: &Region, surface: &RoadSurface) -> f64 {
     region.height_m / surface.height_noise_m(region.disparity_px)
@@ -490,58 +446,5 @@ mod tests {
         assert!((left_m - 1.5).abs() < 0.06 && (right_m - 3.3).abs() < 0.06, "{left_m} {right_m}");
         let box_left_m = rig.lateral_m(column(1.5, 10.0), 6.0);
         assert!(box_left_m < 1.0, "the box reaches to {box_left_m} m");
-    }
-
-    fn region(x: u32, width: u32, distance_m: f64) -> Region {
-        Region {
-            bounds: PixelBox { x, y: 200, width, height: 40 },
-            disparity_px: 100.0 / distance_m,
-            disparity_sigma_px: 0.1,
-            distance_m,
-            lateral_m: 0.0,
-            width_m: 1.0,
-            height_m: 1.0,
-            inset_m: [0.0; 2],
-            pixels: 400,
-            confidence: 0.9,
-            evidence: 0.0,
-        }
-    }
-
-    #[test]
-    fn the_far_end_of_a_car_is_a_tail() {
-        let car = region(300, 80, 18.0);
-        for x in [378, 380, 384] {
-            assert!(is_tail(&region(x, 16, 22.0), &car), "on its right, from {x}");
-            assert!(is_tail(&region(680 - x - 16, 16, 22.0), &car), "on its left");
-        }
-        assert!(!is_tail(&region(386, 16, 22.0), &car), "gap too large");
-        assert!(!is_tail(&region(366, 16, 22.0), &car), "overlap too large");
-        assert!(!is_tail(&region(380, 32, 22.0), &car), "too wide");
-        assert!(!is_tail(&region(380, 16, 24.5), &car), "too far behind");
-        assert!(!is_tail(&region(380, 16, 17.0), &car), "nearer");
-        assert!(!is_tail(&region(380, 16, 22.0), &region(364, 16, 18.0)), "owner too small");
-        let mut low = region(380, 16, 22.0);
-        low.bounds.y += 3;
-        assert!(!is_tail(&low, &car), "a lower foot belongs to another object");
-    }
-
-    #[test]
-    fn a_tail_is_suppressed_unless_its_evidence_is_strong() {
-        let stixels = Stixels::new(640, 480);
-        let mut finder = RegionFinder::new(RegionParameters::default(), &stixels, 64);
-        finder.regions.extend([region(300, 80, 18.0), region(380, 16, 22.0), region(284, 16, 22.0)]);
-        for (given, kept) in [
-            ([9.0, 4.0, 6.0], [9.0, 0.0, 6.0]),
-            ([9.0, -3.0, 5.0], [9.0, -3.0, 5.0]),
-            // A region without evidence has no tail.
-            ([2.0, 4.0, 4.0], [2.0, 4.0, 4.0]),
-        ] {
-            for (region, evidence) in finder.regions.iter_mut().zip(given) {
-                region.evidence = evidence;
-            }
-            finder.suppress_tails();
-            assert_eq!(finder.regions.iter().map(|r| r.evidence).collect::<Vec<_>>(), kept);
-        }
     }
 }

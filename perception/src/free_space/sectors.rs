@@ -130,7 +130,9 @@ impl SectorFinder {
             let (from, to) = (region.bounds.x as usize, (region.bounds.x + region.bounds.width) as usize);
             let end = to.div_ceil(self.columns).min(self.sectors.len());
             for sector in &mut self.sectors[(from / self.columns).min(end)..end] {
-                sector.limit(region.distance_m - error_m, FreeEnd::Obstacle);
+                if let Some(distance_m) = region.meets_m([sector.left_slope, sector.right_slope]) {
+                    sector.limit(distance_m - error_m, FreeEnd::Obstacle);
+                }
             }
         }
         self.drop_slivers();

@@ -14,6 +14,7 @@ pub mod path;
 pub mod planar;
 pub mod pose;
 pub mod pyramid;
+pub mod scene_point;
 pub mod vehicle;
 
 /// The vehicle's own motion at the time of a frame, in the plane of the road.

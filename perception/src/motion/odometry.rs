@@ -17,6 +17,7 @@ use super::corners::CornerFinder;
 use super::patch::{self, Alignment, Patch, SCALES, WINDOW};
 use super::pose::Pose;
 use super::pyramid::{LEVELS, Pyramid, from_level, to_level};
+use super::scene_point::ScenePoint;
 use crate::image::GreyView;
 use crate::rig::Rig;
 use crate::simd::Level;
@@ -137,6 +138,8 @@ pub struct Odometry {
     observations: Vec<Observation>,
     /// Point of each observation.
     owners: Vec<u32>,
+    /// The points that were found again in the last frame; none if its motion is unknown.
+    found: Vec<ScenePoint>,
     occupied: Vec<bool>,
     order: Vec<(f32, u32)>,
     /// From the camera of the last frame with a known motion to the first frame.
@@ -165,6 +168,7 @@ impl Odometry {
             spare: vec![Point::default(); CAPACITY],
             observations: Vec::with_capacity(CAPACITY),
             owners: Vec::with_capacity(CAPACITY),
+            found: Vec::with_capacity(CAPACITY),
             pose: Pose::IDENTITY,
             velocity: None,
             since_s: 0.0,
@@ -176,6 +180,11 @@ impl Odometry {
     /// Error that all disparities have in common, in px, as far as the motion shows it: it is added to them.
     pub fn disparity_offset_px(&self) -> f64 {
         self.offset.px
+    }
+
+    /// The points that were found again in the last frame; none if its motion is unknown.
+    pub fn scene_points(&self) -> &[ScenePoint] {
+        &self.found
     }
 
     /// Forgets everything: the next frame is a first one.
@@ -202,6 +211,7 @@ impl Odometry {
         elapsed_s: f64,
     ) -> OdometryResult {
         self.pyramid.build(left);
+        self.found.clear();
         self.since_s += elapsed_s;
         if self.is_first {
             self.is_first = false;
@@ -217,6 +227,12 @@ impl Odometry {
             Ok(estimate) => {
                 self.pose = self.pose.after(&estimate.motion);
                 self.velocity = Some(velocity(&estimate.motion, self.since_s));
+                let to_now = estimate.motion.inverse();
+                self.found.extend(self.observations.iter().map(|o| ScenePoint {
+                    at_px: o.at_px,
+                    distance_m: to_now.apply(o.point_m)[2],
+                    stands: o.is_inlier,
+                }));
                 self.since_s = 0.0;
                 self.update_points(disparity);
                 self.add_points(left, disparity);

@@ -70,25 +70,6 @@ pub(super) fn is_within(part: (&Track, &[f64; 4]), whole: (&Track, &[f64; 4]), r
         && is_in_depth(whole.0, disparity_px, gate_px(whole.0, &part.0.region), rig)
 }
 
-/// Joins a part to a sighting of the same thing. The near side remains that of the sighting.
-pub(super) fn join(whole: &mut Region, part: &Region, rig: &Rig) {
-    let ends = [whole.ends_m(), part.ends_m()];
-    let [a, b] = [edges_of(&whole.bounds), edges_of(&part.bounds)];
-    let bounds = [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])].map(|v| v as u32);
-    whole.bounds =
-        PixelBox { x: bounds[0], y: bounds[1], width: bounds[2] - bounds[0], height: bounds[3] - bounds[1] };
-    whole.width_m = f64::from(whole.bounds.width) * whole.distance_m / rig.focal_px;
-    let middle = f64::from(whole.bounds.x) + f64::from(whole.bounds.width) / 2.0;
-    whole.lateral_m = rig.lateral_m(middle, whole.distance_m);
-    whole.set_ends([ends[0][0].min(ends[1][0]), ends[0][1].max(ends[1][1])]);
-    whole.height_m = whole.height_m.max(part.height_m);
-    let pixels = [whole.pixels, part.pixels].map(f64::from);
-    whole.confidence =
-        (whole.confidence * pixels[0] + part.confidence * pixels[1]) / (pixels[0] + pixels[1]).max(1.0);
-    whole.pixels = whole.pixels.saturating_add(part.pixels);
-    whole.evidence = whole.evidence.max(part.evidence);
-}
-
 /// The part of a box inside of a picture of `size` (width, height).
 pub(super) fn inside([left, top, right, bottom]: [f64; 4], (width, height): (u32, u32)) -> [f64; 4] {
     let [width, height] = [width, height].map(f64::from);

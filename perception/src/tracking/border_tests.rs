@@ -51,6 +51,11 @@ impl Drive {
 
     /// The track of the only thing after this frame, if it is seen.
     fn see(&mut self, distance_m: f64, sides_m: [f64; 2]) -> Option<Track> {
+        self.see_with(&[], distance_m, sides_m)
+    }
+
+    /// The same where odometry has found these points.
+    fn see_with(&mut self, points: &[ScenePoint], distance_m: f64, sides_m: [f64; 2]) -> Option<Track> {
         let sightings: Vec<Region> = sighting(&mut self.random, distance_m, sides_m).into_iter().collect();
         let motion = Motion {
             speed_m_s: OWN_M_S,
@@ -60,7 +65,7 @@ impl Drive {
         };
         let time_ns = self.frame * (PERIOD_S * 1e9) as u64;
         self.frame += 1;
-        let frame = Frame { motion: Some(motion), ..Frame::new(time_ns, &sightings) };
+        let frame = Frame { motion: Some(motion), points, ..Frame::new(time_ns, &sightings) };
         let tracks = self.tracker.follow(&frame);
         tracks.first().copied().filter(|_| !sightings.is_empty())
     }
@@ -145,4 +150,33 @@ fn a_width_that_varied_before_the_border_cut_it_is_forgotten() {
     let track = last.unwrap();
     println!("width jitter {varied:.2}, then {:.2}", track.width_jitter);
     assert!(varied > 0.4 && track.width_jitter < 0.4, "{varied}, {}", track.width_jitter);
+}
+
+/// Speeds to the right and forward that a fence on the left seems to have. Each frame shows another part of it, farther to the right
+/// as it comes nearer to the road, and less near than what was seen before would be.
+fn speeds_of_a_fence(with_points: bool) -> ([f64; 2], Movement) {
+    let mut drive = Drive::new(3);
+    let mut last = None;
+    for frame in 0..12 {
+        let t = f64::from(frame) * PERIOD_S;
+        let (near_m, right_m) = (11.0 - 6.0 * t, -3.4 + 1.6 * t);
+        let column = RIG.cx_px + RIG.focal_px * (right_m - 0.25) / near_m;
+        let points = [-3.0, 0.0, 3.0].map(|by_px| ScenePoint {
+            at_px: [column + by_px, 230.0],
+            distance_m: near_m,
+            stands: true,
+        });
+        let points = if with_points { &points[..] } else { &[] };
+        last = drive.see_with(points, near_m, [right_m - 1.4, right_m]).or(last);
+    }
+    let ground = last.and_then(|track| track.ground()).expect("the own motion is known");
+    (ground.speed_m_s, ground.movement)
+}
+
+#[test]
+fn a_fence_whose_box_moves_stands_as_its_points_do() {
+    let (without, with) = (speeds_of_a_fence(false), speeds_of_a_fence(true));
+    println!("without points {without:?}, with {with:?}");
+    assert!(without.1 == Movement::Moving && without.0[0] > 1.0, "the box alone moves: {without:?}");
+    assert!(with.1 != Movement::Moving && with.0.iter().all(|v| v.abs() < 0.6), "{with:?}");
 }

@@ -130,6 +130,21 @@ impl ConstantVelocityFilter {
         self.cusum = CUSUM_DECAY * self.cusum + bounded;
     }
 
+    /// The speed is 0, with this standard deviation. Where the state contradicts that, it was led astray: it knows less than it says.
+    fn measure_standing(&mut self, sigma: f64) {
+        let noise = sigma * sigma;
+        let innovation = -self.speed;
+        if innovation * innovation > OUTLIER_SIGMAS * OUTLIER_SIGMAS * (self.p[2] + noise) {
+            self.p[2] += innovation * innovation;
+        }
+        let [a, b, c] = self.p;
+        let spread = c + noise;
+        self.position += b / spread * innovation;
+        self.speed += c / spread * innovation;
+        self.correct_acceleration(innovation, spread, [b, c], self.acceleration.p[1]);
+        self.p = [(a - b * b / spread).max(1e-9), b * noise / spread, c * noise / spread];
+    }
+
     /// Whether the CUSUM test detects biased innovations.
     fn is_manoeuvring(&self) -> bool {
         self.cusum.abs() > CUSUM_THRESHOLD

@@ -24,6 +24,7 @@ pub mod extent;
 pub mod filter;
 pub mod parameters;
 pub mod scale_change;
+mod stillness;
 mod track;
 mod visibility;
 
@@ -32,6 +33,7 @@ use crate::frame_clock::{FrameClock, TimeStep};
 use crate::motion::Motion;
 use crate::motion::body::Body;
 use crate::motion::planar::{OwnRates, PlanarStep};
+use crate::motion::scene_point::ScenePoint;
 use crate::region::Region;
 use crate::rig::Rig;
 use assign::Assignment;
@@ -58,6 +60,8 @@ pub struct Frame<'a> {
     pub sightings: &'a [Region],
     /// Own motion since the last frame; `None` if it is unknown.
     pub motion: Option<Motion>,
+    /// Points of this frame of which odometry knows whether they stand.
+    pub points: &'a [ScenePoint],
     /// Whether obstacles could be detected at all: without a road they cannot, and nothing is missed.
     pub could_detect: bool,
     /// Looks for a predicted region in both pictures: its evidence, or `None` if they do not tell.
@@ -67,7 +71,7 @@ pub struct Frame<'a> {
 impl<'a> Frame<'a> {
     /// A frame of which only the sightings are known.
     pub fn new(time_ns: u64, sightings: &'a [Region]) -> Self {
-        Self { time_ns, sightings, motion: None, could_detect: true, verify: &|_| None }
+        Self { time_ns, sightings, motion: None, points: &[], could_detect: true, verify: &|_| None }
     }
 }
 
@@ -177,7 +181,7 @@ impl Tracker {
         self.predict(elapsed_s, frame.motion);
         self.rate.age(elapsed_s);
         self.assign(sightings);
-        self.take_in(sightings, elapsed_s);
+        self.take_in(sightings, frame.points, elapsed_s);
         self.miss(frame, sightings, elapsed_s);
         self.join();
         self.judge();
@@ -277,17 +281,14 @@ impl Tracker {
     }
 
     /// Updates each track with its sighting, joined from all parts.
-    fn take_in(&mut self, sightings: &[Region], elapsed_s: f64) {
+    fn take_in(&mut self, sightings: &[Region], points: &[ScenePoint], elapsed_s: f64) {
         let cameras = (self.rig, self.size);
         for (t, (track, body)) in self.tracks.iter_mut().zip(&self.bodies).enumerate() {
             let mut parts =
                 self.owners.iter().enumerate().filter(|(_, owner)| **owner == Some(t as u32)).map(|(s, _)| s);
             let Some(first) = track.detection.or_else(|| parts.clone().next()) else { continue };
             let mut whole = sightings[first];
-            parts
-                .by_ref()
-                .filter(|s| *s != first)
-                .for_each(|s| association::join(&mut whole, &sightings[s], &self.rig));
+            parts.by_ref().filter(|s| *s != first).for_each(|s| whole.join(&sightings[s], &self.rig));
             let evidence = whole.evidence.min(MAX_EVIDENCE) + association::agreement(track, body, &whole);
             // A doubtful sighting is at least as good as none.
             let evidence = evidence.max(self.rate.miss_evidence());
@@ -297,6 +298,9 @@ impl Tracker {
             track.existence.look(evidence, 1.0, elapsed_s);
             track.update(first, &whole, cameras);
             if let Some(own) = &self.own {
+                if let Some(sigma_m_s) = stillness::speed_sigma_m_s(&whole, points, &self.rig, elapsed_s) {
+                    track.filters().measure_standing(sigma_m_s);
+                }
                 // As the vehicle turns by an angle, it sees the sides of a thing turned by it.
                 let (before, aspect_m_s) = (track.movement, own.turning_rad_s() * track.front_m());
                 track.movement = track.filters().movement(before, aspect_m_s);

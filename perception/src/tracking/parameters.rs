@@ -172,3 +172,21 @@ pub const MOVING_CHI2: f64 = 9.0;
 pub const MAX_STANDING_SIGMA_M_S: f64 = 1.0;
 /// along the axis of a fast vehicle better than this share of its speed.
 pub const MAX_STANDING_SIGMA_SHARE: f64 = 0.1;
+
+// Points that stand.
+
+/// Fewest points on a thing that tell that it stands, and largest share of points that do not stand, of those that do.
+pub const STILL_MIN_POINTS: u32 = 3;
+/// See [`STILL_MIN_POINTS`].
+pub const STILL_MOVING_SHARE: f64 = 0.25;
+/// A point lies on a thing if its disparity differs by at most this, in px, plus this share of the disparity.
+pub const STILL_GATE_PX: f64 = 0.4;
+/// See [`STILL_GATE_PX`].
+pub const STILL_GATE_SHARE: f64 = 0.04;
+/// Largest depth of that gate, in metres: what stands behind a walker is farther away.
+pub const STILL_MAX_DEPTH_M: f64 = 1.0;
+/// Shares of width and height of a box at its sides and at its foot in which points may be those of the background and of the
+/// ground.
+pub const STILL_MARGINS: [f64; 2] = [0.1, 0.15];
+/// A point that has moved by more than this, in px, does not agree with the own motion any more.
+pub const STILL_TOLERANCE_PX: f64 = 1.0;

@@ -128,6 +128,7 @@ impl Stage for RoadStage {
             time_ns: frame.source_ns,
             sightings: scene.regions,
             motion,
+            points: self.own_motion.scene_points(),
             could_detect: scene.road.is_some(),
             verify: &|region| Some(verifier?.verify(region)?.evidence()),
         });

@@ -11,6 +11,7 @@ use perception::motion::Motion;
 use perception::motion::filter::{MotionFilter, MotionHealth};
 use perception::motion::odometry::{Odometry, OdometryResult};
 use perception::motion::pose::Pose;
+use perception::motion::scene_point::ScenePoint;
 use perception::rig::Rig;
 use perception::stereo::DisparityView;
 
@@ -88,6 +89,13 @@ impl OwnMotion {
             }
         }
         self.motion
+    }
+
+    /// The points that odometry found again in the last frame; none where its motion is not that of the vehicle.
+    pub fn scene_points(&self) -> &[ScenePoint] {
+        let health = self.filter.health();
+        let counts = health.odometry && !health.disagree;
+        self.odometry.as_ref().filter(|_| counts).map_or(&[], Odometry::scene_points)
     }
 
     /// The record for the header.

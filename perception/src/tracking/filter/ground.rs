@@ -96,6 +96,14 @@ impl Filters<'_> {
         z.begin_over_ground(own[1], sigma[1]);
     }
 
+    /// The thing stands: its speeds to the right and forward are 0, with these standard deviations in m/s.
+    pub fn measure_standing(&mut self, [across, along]: Planar) {
+        self.lateral.filter.measure_standing(across);
+        let filter = &mut self.longitudinal.filter;
+        filter.measure_standing(along);
+        filter.position = filter.position.max(MIN_DISTANCE_M);
+    }
+
     /// Makes speeds over ground those relative to the camera.
     pub fn end(&mut self) {
         self.longitudinal.filter.end_over_ground();

@@ -182,9 +182,13 @@ mod tests {
             while latest.is_read() && begin.elapsed() < LONG {
                 latest.frame(long.clone());
             }
-            // What it has got before is whole lines, and the begin of one.
-            let mut text = String::new();
-            client.read_to_string(&mut text).unwrap_or_default();
+            // What it has got before is whole lines, and the begin of one. The sender's end stays open: reading ends without more.
+            client.set_nonblocking(true).unwrap();
+            let mut text = Vec::new();
+            assert!(client.read_to_end(&mut text).is_err_and(|e| e.kind() == io::ErrorKind::WouldBlock));
+            let mut lines: Vec<&[u8]> = text.split(|&byte| byte == b'\n').collect();
+            assert!(lines.pop().is_some_and(|begin| !begin.ends_with(b"}")) && !lines.is_empty());
+            assert!(lines.iter().all(|line| line.ends_with(b"\"}")));
         });
         assert_eq!(end, End::TooSlow);
     }

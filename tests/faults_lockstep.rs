@@ -13,7 +13,7 @@ fn in_lockstep_no_frame_is_lost_to_a_kill() {
             "--lockstep",
             "--loop",
             "--limit",
-            "200",
+            "80",
             "--out",
             "results",
             // Slow enough that the kill comes before the last frame.
@@ -32,10 +32,10 @@ fn in_lockstep_no_frame_is_lost_to_a_kill() {
         bench.assert_clean();
         let sequences: Vec<u64> =
             lines(&bench.path("results")).iter().map(|l| l["sequence"].as_u64().unwrap()).collect();
-        assert_eq!(sequences, (0..200).collect::<Vec<_>>(), "{role}");
+        assert_eq!(sequences, (0..80).collect::<Vec<_>>(), "{role}");
         for part in ["overlay", "disparity"] {
             let pictures = std::fs::read_dir(bench.path("results").join(part)).unwrap().count();
-            assert_eq!(pictures, 200, "{role}: {part}");
+            assert_eq!(pictures, 80, "{role}: {part}");
         }
         let restarts = &json(&bench.path("results/summary.json"))["restarts"];
         assert_eq!(*restarts, 1, "{role} was killed before its last frame");

@@ -53,7 +53,7 @@ fn a_turned_camera_is_found_again_in_a_scene() {
         "--from-drive",
         "scene:motion",
         "--limit",
-        "60",
+        "45",
         "--rig",
         "wrong.toml",
         "-o",
@@ -82,7 +82,7 @@ fn a_turned_camera_is_found_again_on_a_real_drive() {
     let calibrate = |rig: &str, out: &str| {
         let speed = format!("vehicle.motion={drive}/oxts.csv");
         let args =
-            ["calibrate", "--from-drive", drive, "--limit", "80", "--rig", rig, "--set", &speed, "-o", out];
+            ["calibrate", "--from-drive", drive, "--limit", "50", "--rig", rig, "--set", &speed, "-o", out];
         document(&bench, &[&args[..], &["--json"]].concat())
     };
     // What the drive itself says of its calibration is the reference; a factory's calibration is near to it.

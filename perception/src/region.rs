@@ -68,6 +68,9 @@ pub struct Region {
     pub evidence: f64,
 }
 
+/// Length of the body of a thing behind its near side, in metres: that of a car.
+pub(crate) const BODY_LENGTH_M: f64 = 4.5;
+
 /// Maximum magnitude of a measure of a valid region, in its unit: far above all that cameras see, and so small that no
 /// arithmetic of the tracker overflows.
 const MAX_MEASURE: f64 = 1e6;

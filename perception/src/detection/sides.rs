@@ -7,11 +7,10 @@
 //! Far away depth does not tell a side from what stands behind the thing, and nothing is joined.
 
 use super::stixels::STRIP_COLUMNS;
-use crate::region::Region;
+use crate::region::{BODY_LENGTH_M, Region};
 use crate::rig::Rig;
 
-/// Length of a thing behind its near side, in metres, that of a car; and at most this many times its width.
-const LENGTH_M: f64 = 4.5;
+/// A thing is at most [`BODY_LENGTH_M`] long, and this many times its width.
 const LENGTH_BY_WIDTH: f64 = 3.0;
 /// Smallest difference of disparity that this length makes where sides are joined, in px.
 const MIN_DEPTH_PX: f64 = 0.75;
@@ -32,7 +31,7 @@ pub(super) fn join_sides(regions: &mut Vec<Region>, rig: &Rig) {
     let mut near = 0;
     while near < regions.len() {
         let thing = regions[near];
-        let depth_px = thing.disparity_px - rig.disparity_px(thing.distance_m + LENGTH_M);
+        let depth_px = thing.disparity_px - rig.disparity_px(thing.distance_m + BODY_LENGTH_M);
         let has_sides = depth_px >= MIN_DEPTH_PX && thing.evidence > MIN_OWNER_EVIDENCE;
         let mut far = near + 1;
         while has_sides && far < regions.len() {
@@ -49,7 +48,7 @@ pub(super) fn join_sides(regions: &mut Vec<Region>, rig: &Rig) {
 
 /// Whether a region is the side of a nearer one, or a part of that.
 fn is_side(far: &Region, near: &Region) -> bool {
-    let length_m = LENGTH_M.min(LENGTH_BY_WIDTH * near.width_m);
+    let length_m = BODY_LENGTH_M.min(LENGTH_BY_WIDTH * near.width_m);
     let behind_m = far.distance_m - near.distance_m;
     let ([left_m, right_m], [side_left_m, side_right_m]) = (near.ends_m(), far.ends_m());
     let inside_m = side_right_m.min(right_m + MARGIN_M) - side_left_m.max(left_m - MARGIN_M);

@@ -231,7 +231,7 @@ impl Odometry {
                 self.found.extend(self.observations.iter().map(|o| ScenePoint {
                     at_px: o.at_px,
                     distance_m: to_now.apply(o.point_m)[2],
-                    stands: o.is_inlier,
+                    is_static: o.is_inlier,
                 }));
                 self.since_s = 0.0;
                 self.update_points(disparity);

@@ -5,8 +5,8 @@
 pub struct ScenePoint {
     /// Column and row in the left image, in px.
     pub at_px: [f64; 2],
-    /// Distance along the camera's axis if it stands, in metres.
+    /// Distance along the camera's axis if it is static, in metres.
     pub distance_m: f64,
-    /// Whether its place agrees with the own motion: it stands. Else it moves, or was mistaken for another one.
-    pub stands: bool,
+    /// Whether it is static: an inlier of the own motion. Else it moves, or was matched wrongly.
+    pub is_static: bool,
 }

@@ -5,11 +5,11 @@
 
 use super::extent::{contained_share, edges_of};
 use super::parameters::{
-    BODY_LENGTH_M, BODY_SHARE, CONTAINMENT_WEIGHT, GATE_PX, GATE_SHARE, GATE_SIGMAS, OUTLIER_SIGMAS,
-    OVERLAP_COST, SIZE_COST, TYPICAL_AGREEMENT,
+    BODY_SHARE, CONTAINMENT_WEIGHT, GATE_PX, GATE_SHARE, GATE_SIGMAS, OUTLIER_SIGMAS, OVERLAP_COST,
+    SIZE_COST, TYPICAL_AGREEMENT,
 };
 use super::track::Track;
-use crate::region::{PixelBox, Region};
+use crate::region::{BODY_LENGTH_M, PixelBox, Region};
 use crate::rig::Rig;
 
 /// Largest difference of the disparity, in px, at which a sighting may show a track.

@@ -164,7 +164,7 @@ fn speeds_of_a_fence(with_points: bool) -> ([f64; 2], Movement) {
         let points = [-3.0, 0.0, 3.0].map(|by_px| ScenePoint {
             at_px: [column + by_px, 230.0],
             distance_m: near_m,
-            stands: true,
+            is_static: true,
         });
         let points = if with_points { &points[..] } else { &[] };
         last = drive.see_with(points, near_m, [right_m - 1.4, right_m]).or(last);

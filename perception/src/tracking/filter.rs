@@ -130,8 +130,9 @@ impl ConstantVelocityFilter {
         self.cusum = CUSUM_DECAY * self.cusum + bounded;
     }
 
-    /// The speed is 0, with this standard deviation. Where the state contradicts that, it was led astray: it knows less than it says.
-    fn measure_standing(&mut self, sigma: f64) {
+    /// Measures a speed of 0 with this standard deviation, in m/s. Where the state contradicts that by more than outliers do, its speed
+    /// was wrong, and its variance grows by the square of the error first.
+    fn zero_velocity_update(&mut self, sigma: f64) {
         let noise = sigma * sigma;
         let innovation = -self.speed;
         if innovation * innovation > OUTLIER_SIGMAS * OUTLIER_SIGMAS * (self.p[2] + noise) {

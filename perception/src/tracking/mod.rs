@@ -24,7 +24,7 @@ pub mod extent;
 pub mod filter;
 pub mod parameters;
 pub mod scale_change;
-mod stillness;
+mod static_points;
 mod track;
 mod visibility;
 
@@ -298,8 +298,9 @@ impl Tracker {
             track.existence.look(evidence, 1.0, elapsed_s);
             track.update(first, &whole, cameras);
             if let Some(own) = &self.own {
-                if let Some(sigma_m_s) = stillness::speed_sigma_m_s(&whole, points, &self.rig, elapsed_s) {
-                    track.filters().measure_standing(sigma_m_s);
+                if let Some(sigma_m_s) = static_points::speed_sigma_m_s(&whole, points, &self.rig, elapsed_s)
+                {
+                    track.filters().zero_velocity_update(sigma_m_s);
                 }
                 // As the vehicle turns by an angle, it sees the sides of a thing turned by it.
                 let (before, aspect_m_s) = (track.movement, own.turning_rad_s() * track.front_m());

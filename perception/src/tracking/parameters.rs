@@ -82,8 +82,6 @@ pub const UNMATCHED_COST: f64 = 24.0;
 pub const TYPICAL_AGREEMENT: f64 = 0.75;
 /// Share of a box that lies within the body of a track if it is a part of that thing.
 pub const BODY_SHARE: f64 = 0.7;
-/// Length of the body of a thing behind its near side, in metres: that of a car.
-pub const BODY_LENGTH_M: f64 = 4.5;
 
 // Extent.
 
@@ -173,20 +171,20 @@ pub const MAX_STANDING_SIGMA_M_S: f64 = 1.0;
 /// along the axis of a fast vehicle better than this share of its speed.
 pub const MAX_STANDING_SIGMA_SHARE: f64 = 0.1;
 
-// Points that stand.
+// Static points of odometry on a thing.
 
-/// Fewest points on a thing that tell that it stands, and largest share of points that do not stand, of those that do.
-pub const STILL_MIN_POINTS: u32 = 3;
-/// See [`STILL_MIN_POINTS`].
-pub const STILL_MOVING_SHARE: f64 = 0.25;
+/// Fewest static points on a thing that tell that it is static, and largest number of others beside them, as a share of theirs.
+pub const STATIC_MIN_POINTS: u32 = 3;
+/// See [`STATIC_MIN_POINTS`].
+pub const STATIC_MOVING_SHARE: f64 = 0.25;
 /// A point lies on a thing if its disparity differs by at most this, in px, plus this share of the disparity.
-pub const STILL_GATE_PX: f64 = 0.4;
-/// See [`STILL_GATE_PX`].
-pub const STILL_GATE_SHARE: f64 = 0.04;
+pub const STATIC_GATE_PX: f64 = 0.4;
+/// See [`STATIC_GATE_PX`].
+pub const STATIC_GATE_SHARE: f64 = 0.04;
 /// Largest depth of that gate, in metres: what stands behind a walker is farther away.
-pub const STILL_MAX_DEPTH_M: f64 = 1.0;
+pub const STATIC_MAX_DEPTH_M: f64 = 1.0;
 /// Shares of width and height of a box at its sides and at its foot in which points may be those of the background and of the
 /// ground.
-pub const STILL_MARGINS: [f64; 2] = [0.1, 0.15];
+pub const STATIC_MARGINS: [f64; 2] = [0.1, 0.15];
 /// A point that has moved by more than this, in px, does not agree with the own motion any more.
-pub const STILL_TOLERANCE_PX: f64 = 1.0;
+pub const STATIC_TOLERANCE_PX: f64 = 1.0;

@@ -96,11 +96,11 @@ impl Filters<'_> {
         z.begin_over_ground(own[1], sigma[1]);
     }
 
-    /// The thing stands: its speeds to the right and forward are 0, with these standard deviations in m/s.
-    pub fn measure_standing(&mut self, [across, along]: Planar) {
-        self.lateral.filter.measure_standing(across);
+    /// Measures speeds to the right and forward of 0, with these standard deviations in m/s.
+    pub fn zero_velocity_update(&mut self, [across, along]: Planar) {
+        self.lateral.filter.zero_velocity_update(across);
         let filter = &mut self.longitudinal.filter;
-        filter.measure_standing(along);
+        filter.zero_velocity_update(along);
         filter.position = filter.position.max(MIN_DISTANCE_M);
     }
 

@@ -1,12 +1,12 @@
-//! Points of the picture tell that a thing stands.
+//! Static points on a thing measure its speed over ground: zero-velocity updates.
 //!
-//! Odometry finds points again and knows which of them agree with the own motion: they stand. Where several lie on a thing, at its
-//! distance, its speed over ground is 0 as exactly as one would have seen them move. That holds however its box changes: the box of a
-//! parked car that leaves the picture, or of a fence of which another part is seen in each frame, moves; the points on it do not.
+//! The inliers of odometry are static points of the scene. Where several lie on a thing, at its distance, the thing is static, too; the
+//! error of its speed is the smallest one that would have moved them visibly. The box does not matter: that of a parked car
+//! that leaves the picture, or of a fence of which each frame shows another part, moves; the points on it do not.
 
 use super::parameters::{
-    STANDING_SPEED_M_S, STILL_GATE_PX, STILL_GATE_SHARE, STILL_MARGINS, STILL_MAX_DEPTH_M, STILL_MIN_POINTS,
-    STILL_MOVING_SHARE, STILL_TOLERANCE_PX,
+    STANDING_SPEED_M_S, STATIC_GATE_PX, STATIC_GATE_SHARE, STATIC_MARGINS, STATIC_MAX_DEPTH_M,
+    STATIC_MIN_POINTS, STATIC_MOVING_SHARE, STATIC_TOLERANCE_PX,
 };
 use crate::motion::planar::Planar;
 use crate::motion::scene_point::ScenePoint;
@@ -22,38 +22,38 @@ pub(super) fn speed_sigma_m_s(
     elapsed_s: f64,
 ) -> Option<Planar> {
     let scale = rig.focal_px * rig.baseline_m;
-    let gate_px = STILL_GATE_PX + STILL_GATE_SHARE * region.disparity_px;
+    let gate_px = STATIC_GATE_PX + STATIC_GATE_SHARE * region.disparity_px;
     // Where the gate is deep, points of the background pass it, too.
-    if gate_px * region.distance_m * region.distance_m > STILL_MAX_DEPTH_M * scale || elapsed_s <= 0.0 {
+    if gate_px * region.distance_m * region.distance_m > STATIC_MAX_DEPTH_M * scale || elapsed_s <= 0.0 {
         return None;
     }
     let b = &region.bounds;
     let [x, y, width, height] = [b.x, b.y, b.width, b.height].map(f64::from);
-    let (side_px, foot_px) = (STILL_MARGINS[0] * width, STILL_MARGINS[1] * height);
+    let (side_px, foot_px) = (STATIC_MARGINS[0] * width, STATIC_MARGINS[1] * height);
     let is_on_it = |point: &&ScenePoint| {
         let [column, row] = point.at_px;
         (x + side_px..x + width - side_px).contains(&column)
             && (y..y + height - foot_px).contains(&row)
             && (scale / point.distance_m.max(0.1) - region.disparity_px).abs() <= gate_px
     };
-    let (mut still, mut moving) = (0_u32, 0_u32);
+    let (mut fixed, mut moving) = (0_u32, 0_u32);
     // Sums of the squared displacements of a point for 1 m/s, in px.
     let mut displacement = [0.0; 2];
     for point in points.iter().filter(is_on_it) {
-        if !point.stands {
+        if !point.is_static {
             moving += 1;
             continue;
         }
-        still += 1;
+        fixed += 1;
         let [column, row] = point.at_px;
         let step = elapsed_s / point.distance_m.max(0.1);
         displacement[0] += (rig.focal_px * step).powi(2);
         displacement[1] += ((column - rig.cx_px).powi(2) + (row - rig.cy_px).powi(2)) * step * step;
     }
-    if still < STILL_MIN_POINTS || f64::from(moving) > STILL_MOVING_SHARE * f64::from(still) {
+    if fixed < STATIC_MIN_POINTS || f64::from(moving) > STATIC_MOVING_SHARE * f64::from(fixed) {
         return None;
     }
-    let sigma_m_s = |sum: f64| STILL_TOLERANCE_PX / (sum / f64::from(still)).sqrt().max(1e-9);
+    let sigma_m_s = |sum: f64| STATIC_TOLERANCE_PX / (sum / f64::from(fixed)).sqrt().max(1e-9);
     Some(displacement.map(|sum| sigma_m_s(sum).hypot(STANDING_SPEED_M_S)))
 }
 
@@ -81,9 +81,9 @@ mod tests {
         }
     }
 
-    fn points(count: usize, at_px: [f64; 2], distance_m: f64, stands: bool) -> Vec<ScenePoint> {
+    fn points(count: usize, at_px: [f64; 2], distance_m: f64, is_static: bool) -> Vec<ScenePoint> {
         (0..count)
-            .map(|k| ScenePoint { at_px: [at_px[0] + 10.0 * k as f64, at_px[1]], distance_m, stands })
+            .map(|k| ScenePoint { at_px: [at_px[0] + 10.0 * k as f64, at_px[1]], distance_m, is_static })
             .collect()
     }
 

@@ -24,6 +24,15 @@ fn files(bench: &Bench) -> Vec<PathBuf> {
     instance.shared_memory()
 }
 
+/// Removes them. The daemon, too, removes files of its run as soon as it misses the first.
+fn remove(files: &[PathBuf]) {
+    for file in files {
+        if let Err(error) = std::fs::remove_file(file) {
+            assert_eq!(error.kind(), std::io::ErrorKind::NotFound, "{}: {error}", file.display());
+        }
+    }
+}
+
 fn node_counter(bench: &Bench) -> PathBuf {
     files(bench)
         .into_iter()
@@ -38,9 +47,7 @@ fn a_service_whose_files_are_removed_starts_anew() {
     for round in 0..2 {
         let before = files(&bench);
         assert!(before.len() > 20, "{before:?}");
-        for file in &before {
-            std::fs::remove_file(file).expect("our own file");
-        }
+        remove(&before);
         // It is the same process, which SIGTERM and systemd know.
         let after = bench.status_when(|s| s["state"] == "running" && frames(s) > 3);
         assert_eq!(pid_of(&after, "scheduler"), daemon.pid(), "round {round}");
@@ -67,9 +74,9 @@ fn a_replay_whose_files_are_removed_fails_with_the_reason() {
     let bench = Bench::alone();
     let recording = bench.record("drive", 8);
     let daemon = bench.replay_endlessly(&recording, "20");
-    for file in files(&bench) {
-        std::fs::remove_file(file).expect("our own file");
-    }
+    let before = files(&bench);
+    assert!(before.len() > 20, "{before:?}");
+    remove(&before);
     let output = daemon.wait();
     let errors = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(1), "{errors}");

@@ -39,7 +39,7 @@ function connect() {
   socket.onclose = () => {
     if (page.socket !== socket) return;
     page.socket = null;
-    away("viewer not reachable: reconnecting");
+    away("viewer not reachable: reconnecting", "no viewer");
     setTimeout(connect, page.wait_ms);
     page.wait_ms = Math.min(page.wait_ms * 2, 5000);
   };
@@ -69,25 +69,28 @@ async function take(data) {
     parts[part.name] = new DataView(data, at, part.bytes);
     at += part.bytes;
   }
-  if (answer.absent) away(answer.absent);
+  if (answer.absent) away(answer.absent, "no daemon");
   else if (answer.status || answer.frame) present();
   if (answer.status) takeStatus(answer.status, answer.history);
   if (answer.frame && !page.is_paused) await takeFrame(answer.frame, parts);
   tellAge();
 }
 
-function away(why) {
+// `missing` names what is not there: the daemon, or the viewer between it and this page.
+function away(why, missing) {
   page.live = false;
   const link = byId("link");
   link.className = "away";
   if (link.textContent !== why) link.textContent = why;
   // The reason stands beside it already.
   if (page.frames === 0) wait("");
-  else setAlarm("off", "alarm off", "no daemon");
+  else if (missing === "no daemon") setAlarm("off", "alarm off", missing);
+  // The daemon may run on.
+  else setAlarm("off", "alarm not known", missing);
   // Nothing that was true of the daemon is shown as current.
   forgetMotion();
   byId("health").textContent = "";
-  drawAway();
+  drawAway(missing);
 }
 
 // Before the first frame nothing is known, not even that the alarm is off.

@@ -510,16 +510,16 @@ function drawCharts(samples, stages) {
   drawHealth(samples);
 }
 
-// Without a daemon the curves stay, but no value and no process is current.
-function drawAway() {
+// Without daemon or viewer the curves stay, but no value and no process is current.
+function drawAway(missing) {
   for (const view of document.querySelectorAll(".chart")) {
     // One that was never drawn waits.
     if (!view.hasChildNodes()) continue;
     const caption = byId(view.id.replace("c-", "k-"));
-    caption.textContent = "no daemon: values until it was lost";
+    caption.textContent = `${missing}: values until it was lost`;
     view.setAttribute("aria-label", caption.textContent);
   }
-  byId("processes").tBodies[0].replaceChildren(row(["no daemon"], "none"));
+  byId("processes").tBodies[0].replaceChildren(row([missing], "none"));
 }
 
 // Bars with one slice for each second.

@@ -11,7 +11,7 @@ use image::error::{DecodingError, ImageFormatHint};
 use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
 use perception::excerpt::{REASON_CHARS, excerpt};
 use std::fs::File;
-use std::io::{BufRead, BufReader, Seek};
+use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::path::Path;
 
 /// Endings of the files that are taken for pictures, in lower case.
@@ -53,8 +53,7 @@ impl Decoded {
     /// # Errors
     /// When the file cannot be read or decoded.
     pub fn read(path: &Path) -> Result<Self, SourceError> {
-        let io = |source| SourceError::Io { path: path.to_owned(), source };
-        Ok(Self::of(decode(open(path).map_err(io)?).map_err(|e| undecoded(path, &e))?))
+        Ok(Self::of(read(path)?))
     }
 
     /// Grey values of an image.
@@ -140,19 +139,40 @@ pub fn read_grey(path: &Path) -> Result<(Vec<u8>, usize, usize), SourceError> {
     Ok((decoded.grey(Interpretation::default()), width, height))
 }
 
+/// Reads an image file as it is stored.
+///
+/// # Errors
+/// When the file cannot be read or decoded.
+pub fn read(path: &Path) -> Result<DynamicImage, SourceError> {
+    let io = |source| SourceError::Io { path: path.to_owned(), source };
+    decode(open(path).map_err(io)?).map_err(|e| undecoded(path, &e))
+}
+
+/// Where the bytes of an image come from. One type for all: the decoders are compiled for each type that they read.
+pub(crate) trait Stream: BufRead + Seek {}
+impl<T: BufRead + Seek> Stream for T {}
+
+/// A decoder of an image that is being read.
+pub(crate) type Reader<'a> = ImageReader<Box<dyn Stream + 'a>>;
+
+/// Reads an image in memory.
+pub(crate) fn in_memory(file: &[u8]) -> Reader<'_> {
+    ImageReader::new(Box::new(Cursor::new(file)))
+}
+
 /// Opens an image file within the limit of its size: some decoders read the whole file into memory.
-pub(crate) fn open(path: &Path) -> std::io::Result<ImageReader<BufReader<File>>> {
+fn open(path: &Path) -> std::io::Result<Reader<'static>> {
     let file = File::open(path)?;
     let about = file.metadata()?;
     if !about.is_file() {
         return Err(std::io::Error::other("not a regular file; give an image file"));
     }
     PICTURE.check(about.len())?;
-    ImageReader::new(BufReader::new(file)).with_guessed_format()
+    Reader::new(Box::new(BufReader::new(file))).with_guessed_format()
 }
 
 /// Decodes with limits above any camera's image size: a damaged header must not exhaust the memory.
-pub(crate) fn decode<R: BufRead + Seek>(mut reader: ImageReader<R>) -> Result<DynamicImage, ImageError> {
+pub(crate) fn decode(mut reader: Reader) -> Result<DynamicImage, ImageError> {
     let mut limits = Limits::default();
     (limits.max_image_width, limits.max_image_height) = (Some(MAX_SIDE_PX), Some(MAX_SIDE_PX));
     limits.max_alloc = Some(MAX_PICTURE_BYTES);

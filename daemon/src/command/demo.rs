@@ -117,7 +117,7 @@ fn pictures(config: &Config, out: &Path, outcome: &RunOutcome) -> Result<(), Com
     let (from, to) = (out.join("overlay").join(&name), out.join("left.png"));
     std::fs::copy(&from, &to).map_err(|e| other(&to, &e))?;
     let path = out.join("disparity").join(&name);
-    let map = image::open(&path).map_err(|e| other(&path, &e))?.into_luma16();
+    let map = sources::picture::read(&path).map_err(|e| CommandError::Other(e.to_string()))?.into_luma16();
     let (width, height) = (map.width() as usize, map.height() as usize);
     let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
     colour::disparity(&map, width, height, disparities as f32).save(&out.join("disparity.png"))?;

@@ -8,10 +8,10 @@ use std::io::Read;
 
 pub fn run(role: &str) -> Result<(), CommandError> {
     let role: Role = role.parse().map_err(CommandError::Other)?;
-    let mut document = Vec::new();
+    let mut document = String::new();
     let launch = |error: String| CommandError::Stage(HostError::Launch(error));
-    std::io::stdin().read_to_end(&mut document).map_err(|e| launch(e.to_string()))?;
-    let document: Launch = serde_json::from_slice(&document).map_err(|e| launch(e.to_string()))?;
+    std::io::stdin().read_to_string(&mut document).map_err(|e| launch(e.to_string()))?;
+    let document = Launch::parse(&document).map_err(|e| launch(e.to_string()))?;
     crate::logging::start(role.name(), &document.config.log.level);
     crate::stages::run(role, document).map_err(|error| {
         tracing::error!(%error, "stage failed");

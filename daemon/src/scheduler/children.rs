@@ -21,7 +21,7 @@ impl Children {
     /// # Errors
     /// If the process cannot be started.
     pub fn spawn(&mut self, role: Role, launch: &Launch) -> io::Result<u32> {
-        let document = serde_json::to_vec(launch)?;
+        let document = launch.text().map_err(io::Error::other)?;
         // The running program, even if an upgrade has replaced its file.
         let mut child = Command::new("/proc/self/exe")
             .arg0("lookout")
@@ -37,7 +37,7 @@ impl Children {
             .spawn()?;
         let pid = child.id();
         if let Some(mut stdin) = child.stdin.take()
-            && let Err(error) = stdin.write_all(&document)
+            && let Err(error) = stdin.write_all(document.as_bytes())
         {
             // It died immediately; its exit status gives the reason.
             tracing::debug!(%role, %error, "the launch document was not read");

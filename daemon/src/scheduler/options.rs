@@ -59,8 +59,8 @@ pub enum RunError {
     #[error(transparent)]
     Output(#[from] tools::reporting::output::OutputError),
     /// The launch document cannot be serialised.
-    #[error("a path in the configuration is not valid UTF-8: {0}")]
-    Launch(#[from] serde_json::Error),
+    #[error("the configuration cannot be passed to the stages: {0}: use paths of valid UTF-8")]
+    Launch(#[from] toml::ser::Error),
     /// The board is too hot, or lacks a required sensor or clock.
     #[error(transparent)]
     Board(#[from] BoardError),

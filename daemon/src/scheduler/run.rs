@@ -134,7 +134,7 @@ impl Run {
 
         let launch = launch(config, options, source.as_ref(), frames);
         // Detects an unserialisable document before the first stage is started.
-        serde_json::to_vec(&launch)?;
+        launch.text()?;
         let bus = Bus::join(&instance)?;
         let now = monotonic_ns();
         let parameters = supervisor_parameters(config);

@@ -1,8 +1,7 @@
 //! Conversion of camera pixel formats to grey.
 
-use image::codecs::jpeg::JpegDecoder;
-use image::{DynamicImage, ImageDecoder};
-use std::io::Cursor;
+use crate::picture::{grey_of, in_memory};
+use image::{DynamicImage, ImageDecoder, ImageFormat};
 
 /// Pixel format of a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,19 +63,22 @@ pub fn to_grey(
 }
 
 fn jpeg(frame: &[u8], width: usize, grey: &mut [u8]) -> Result<(), String> {
-    let decoder = JpegDecoder::new(Cursor::new(frame)).map_err(|e| e.to_string())?;
+    let mut reader = in_memory(frame);
+    reader.set_format(ImageFormat::Jpeg);
+    let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
     let (w, h) = decoder.dimensions();
     if w as usize != width || w as usize * h as usize != grey.len() {
         return Err(format!("a JPEG of {w}x{h} pixels, expected {width}x{}", grey.len() / width.max(1)));
     }
     let image = DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
-    grey.copy_from_slice(&crate::picture::grey_of(image).0);
+    grey.copy_from_slice(&grey_of(image).0);
     Ok(())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::Cursor;
 
     #[test]
     fn all_formats_give_the_same_grey() {

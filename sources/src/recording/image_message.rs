@@ -6,10 +6,8 @@ use super::index::Channel;
 use crate::bayer::Bayer;
 use crate::luma::luma;
 use crate::picture::{self, Decoded};
-use image::ImageReader;
 use perception::excerpt::{VALUE_CHARS, excerpt};
 use prost::bytes::Bytes;
-use std::io::Cursor;
 
 /// The message types that can be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,7 +78,7 @@ fn decode_file(file: &[u8]) -> Result<(Decoded, Option<Bayer>), String> {
     if file.is_empty() {
         return Err("the message holds no image".into());
     }
-    let reader = ImageReader::new(Cursor::new(file)).with_guessed_format().map_err(|e| e.to_string())?;
+    let reader = picture::in_memory(file).with_guessed_format().map_err(|e| e.to_string())?;
     Ok((Decoded::of(picture::decode(reader).map_err(|e| e.to_string())?), None))
 }
 

@@ -25,10 +25,10 @@ impl DisparityMap {
 }
 
 fn decode(path: &Path) -> Result<DynamicImage, TruthError> {
-    let io = |source| TruthError::Io { path: path.to_owned(), source };
-    let reader = picture::open(path).map_err(io)?;
-    picture::decode(reader)
-        .map_err(|e| SourceError::Decode { path: path.to_owned(), reason: e.to_string() }.into())
+    picture::read(path).map_err(|error| match error {
+        SourceError::Io { path, source } => TruthError::Io { path, source },
+        other => other.into(),
+    })
 }
 
 /// Reads a map whose stored values are pixels × `scale` (a PFM contains pixels). Values that are not finite or

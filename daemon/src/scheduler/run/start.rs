@@ -158,6 +158,10 @@ pub(super) fn launch(
     frames: FrameFormat,
 ) -> Launch {
     let count = if config.source.repeat { None } else { source.count() };
+    let end = match (count, options.limit) {
+        (Some(count), Some(limit)) => Some(count.min(limit)),
+        (count, limit) => count.or(limit),
+    };
     Launch {
         config: config.clone(),
         core: None,
@@ -165,10 +169,8 @@ pub(super) fn launch(
         frames,
         lockstep: options.lockstep,
         first_sequence: 0,
-        end_sequence: match (count, options.limit) {
-            (Some(count), Some(limit)) => Some(count.min(limit)),
-            (count, limit) => count.or(limit),
-        },
+        // A later end is none: no run has 2⁶³ pairs.
+        end_sequence: end.filter(|&end| i64::try_from(end).is_ok()),
         source_period_ns: source.period_ns(),
         out: options.out.clone(),
         record: options.record.clone(),

@@ -4,6 +4,7 @@ use super::outcome::VideoError;
 use crate::reporting::output::{LINES, OVERLAYS, picture_name};
 use crate::reporting::record::FrameRecord;
 use image::RgbImage;
+use sources::picture;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -54,8 +55,8 @@ impl Frames {
             }
         }
         let first = paths.first().ok_or_else(|| VideoError::Empty(path.clone()))?;
-        let (width, height) = image::image_dimensions(first)
-            .map_err(|e| VideoError::Damaged { path: first.clone(), reason: e.to_string() })?;
+        let first = picture::read(first)?;
+        let (width, height) = (first.width(), first.height());
         let period_s = period_s(&times_s);
         let shown = times_shown_s(&times_s, period_s);
         let frames = paths.into_iter().zip(shown).map(|(path, shown_s)| Frame { path, shown_s }).collect();
@@ -64,12 +65,12 @@ impl Frames {
 
     /// The overlay of a frame.
     pub(super) fn picture(&self, frame: &Frame) -> Result<RgbImage, VideoError> {
-        let damaged = |reason: String| VideoError::Damaged { path: frame.path.clone(), reason };
-        let picture = image::open(&frame.path).map_err(|e| damaged(e.to_string()))?.into_rgb8();
+        let picture = picture::read(&frame.path)?.into_rgb8();
         if picture.dimensions() == (self.width, self.height) {
             Ok(picture)
         } else {
-            Err(damaged(format!("not {}x{} pixels, as the first overlay", self.width, self.height)))
+            let reason = format!("not {}x{} pixels, as the first overlay", self.width, self.height);
+            Err(VideoError::Damaged { path: frame.path.clone(), reason })
         }
     }
 }

@@ -1,5 +1,6 @@
 //! What comes of making a video.
 
+use sources::SourceError;
 use std::io;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -40,7 +41,10 @@ pub enum VideoError {
         /// The cause.
         source: io::Error,
     },
-    /// A line of `obstacles.jsonl` or an overlay is damaged.
+    /// An overlay cannot be read.
+    #[error("{0}: run the replay again")]
+    Overlay(#[from] SourceError),
+    /// A line of `obstacles.jsonl` is damaged, or an overlay has another size.
     #[error("{}: {reason}: run the replay again", path.display())]
     Damaged {
         /// The file.

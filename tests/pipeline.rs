@@ -39,6 +39,25 @@ fn lockstep_gives_the_same_bytes_twice_and_in_one_process() {
 }
 
 #[test]
+fn every_instruction_set_gives_the_same_bytes_and_an_unknown_one_is_refused() {
+    let bench = Bench::new();
+    let recording = bench.record("drive", 6);
+    let replay = |level: &str, mode: &str, out: &str| {
+        let args = ["replay", &recording, mode, "--out", out];
+        bench.command(&args).env("LOOKOUT_LEVEL", level).output().expect("the binary runs")
+    };
+    assert!(replay("", "--in-process", "best").status.success());
+    // Its stages follow the variable, too.
+    assert!(replay("plain", "--lockstep", "plain").status.success());
+    assert_same(&bench.path("best"), &bench.path("plain"));
+    let refused = replay("mmx", "--lockstep", "none");
+    assert_eq!(refused.status.code(), Some(1));
+    let error = String::from_utf8_lossy(&refused.stderr);
+    assert!(error.contains("LOOKOUT_LEVEL=mmx: this machine has plain"), "{error}");
+    bench.assert_clean();
+}
+
+#[test]
 fn the_car_ahead_is_found_at_its_distance_and_raises_the_alarm() {
     let bench = Bench::new();
     let recording = bench.record("drive", 30);

@@ -46,6 +46,7 @@ mod view;
 pub use error::CommandError;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use perception::simd::Level;
 
 /// Detects and tracks obstacles ahead of a vehicle with a stereo camera.
 ///
@@ -68,6 +69,10 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
   lookout view                                    the same in a browser, with pictures
   lookout stream | jq .alarm.level                results as lines of JSON
   lookout record -o drive.mcap                    record the running daemon
+
+Environment:
+  LOOKOUT_LEVEL=NAME    fastest instruction set to use, of plain, neon, avx2 and avx512 [default: the
+                        fastest of this machine]; results are the same
 
 Exit code: 0 on success, 2 for incorrect usage, 1 for any other error."
 )]
@@ -190,11 +195,25 @@ pub fn parse() -> Cli {
     Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
 }
 
+/// Follows the environment variable of the instruction set.
+fn limit_level() -> Result<(), CommandError> {
+    const VARIABLE: &str = "LOOKOUT_LEVEL";
+    let Some(name) = std::env::var_os(VARIABLE).filter(|name| !name.is_empty()) else { return Ok(()) };
+    let name = name.to_string_lossy();
+    let Some(level) = Level::named(&name) else {
+        let here: Vec<_> = Level::available().into_iter().map(Level::name).collect();
+        return Err(CommandError::Other(format!("{VARIABLE}={name}: this machine has {}", here.join(", "))));
+    };
+    level.limit();
+    Ok(())
+}
+
 /// Runs a subcommand.
 ///
 /// # Errors
 /// With a text for the user.
 pub fn run(cli: Cli) -> Result<(), CommandError> {
+    limit_level()?;
     let log = cli.log.as_deref();
     match cli.command {
         Command::Demo(args) => demo::run(&args, log),

@@ -186,7 +186,8 @@ impl Simd for Avx2 {
         out: &mut [Lanes],
     ) {
         // 36 columns are used; five vectors of eight cover them.
-        const COLUMNS: usize = LANES + 8;
+        const VECTORS: usize = LANES / 8 + 1;
+        const COLUMNS: usize = 8 * VECTORS;
         let Some(last) = out.len().checked_sub(1) else { return };
         assert!(low.checked_add(last).is_some_and(|high| at >= high));
         assert!(at - low <= right.gradient.len());
@@ -197,31 +198,34 @@ impl Simd for Avx2 {
             assert!(l.len() >= LANES && r.len() >= at - low + LANES);
         }
         assert!(left.gradient.len() >= LANES && right.gradient.len() >= at - low + LANES);
-        let mut columns = [0_i32; COLUMNS];
         for (k, cost) in out.iter_mut().enumerate() {
             let x = at - low - k;
             // SAFETY: the token exists, so the CPU has AVX2. All addresses lie inside the slices: x is
-            // at most `at - low` and at least 0, and the assertions above check the lengths for both;
-            // `columns` is read up to value 24 + 4 + 8 = 36.
+            // at most `at - low` and at least 0, and the assertions above check the lengths for both.
             unsafe {
-                for v in 0..COLUMNS / 8 {
+                let mut columns = [_mm256_setzero_si256(); VECTORS];
+                for (v, column) in columns.iter_mut().enumerate() {
                     let mut sum = _mm256_setzero_si256();
                     for n in 0..3 {
                         let l = words(left.words[n], 8 * v);
                         let r = words(right.words[n], x + 8 * v);
                         sum = _mm256_add_epi32(sum, _mm256_madd_epi16(l, r));
                     }
-                    _mm256_storeu_si256(columns.as_mut_ptr().add(8 * v).cast(), sum);
+                    *column = sum;
                 }
                 let bias = _mm256_set1_epi32(constants.bias);
                 let middle = _mm256_set1_ps(constants.middle);
                 let mut eights = [bias; 4];
                 for (v, eight) in eights.iter_mut().enumerate() {
-                    let mut sum = bias;
-                    for i in 0..5 {
-                        let column = columns.as_ptr().add(8 * v + i).cast();
-                        sum = _mm256_add_epi32(sum, _mm256_loadu_si256(column));
-                    }
+                    // The columns from each of eight on, by 1, 2, 3 and 4: in registers, since a load of what two
+                    // stores have just written waits for both.
+                    let by_0 = columns[v];
+                    let by_4 = _mm256_permute2x128_si256::<0x21>(by_0, columns[v + 1]);
+                    let by_1 = _mm256_alignr_epi8::<4>(by_4, by_0);
+                    let by_2 = _mm256_alignr_epi8::<8>(by_4, by_0);
+                    let by_3 = _mm256_alignr_epi8::<12>(by_4, by_0);
+                    let sides = _mm256_add_epi32(_mm256_add_epi32(by_0, by_4), _mm256_add_epi32(by_1, by_3));
+                    let sum = _mm256_add_epi32(bias, _mm256_add_epi32(by_2, sides));
                     let product = _mm256_mul_ps(_mm256_cvtepi32_ps(sum), floats(left.scale, 8 * v));
                     let product = _mm256_mul_ps(product, floats(right.scale, x + 8 * v));
                     let means = _mm256_mul_ps(floats(left.mean, 8 * v), floats(right.mean, x + 8 * v));

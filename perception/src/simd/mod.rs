@@ -14,6 +14,8 @@ pub mod neon;
 pub mod plain;
 pub mod rounding;
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 pub use kernel_set::{CostConstants, CostRow, LANES, Lanes, Packing, RemapTile, Simd, Streaming};
 
 /// The instruction-set level that kernels run on. A value exists only for a level that this machine supports.
@@ -32,13 +34,30 @@ pub(crate) enum Kind {
     Avx512,
 }
 
+/// Number of levels that [`Level::best`] chooses from, the slowest first.
+static ALLOWED: AtomicUsize = AtomicUsize::new(usize::MAX);
+
 impl Level {
     /// Plain Rust: the reference implementation. Every other level gives the same results.
     pub const PLAIN: Level = Level(Kind::Plain);
 
-    /// The fastest level that this machine supports.
+    /// The fastest level that this machine supports, or that [`Level::limit`] has left.
     pub fn best() -> Self {
-        Self::available().last().copied().unwrap_or(Self::PLAIN)
+        // Any order of threads will do: a process sets it once, before it starts others.
+        let allowed = ALLOWED.load(Ordering::Relaxed);
+        Self::available().into_iter().take(allowed).last().unwrap_or(Self::PLAIN)
+    }
+
+    /// Makes this the fastest level that [`Level::best`] gives from now on in this process: for what another machine
+    /// would do.
+    pub fn limit(self) {
+        let slower = Self::available().into_iter().take_while(|&level| level != self).count();
+        ALLOWED.store(slower + 1, Ordering::Relaxed);
+    }
+
+    /// The level of a name, if this machine supports it.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::available().into_iter().find(|level| level.name() == name)
     }
 
     /// All levels that this machine supports, the slowest first.

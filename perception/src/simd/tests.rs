@@ -113,4 +113,6 @@ fn levels_have_names_and_the_best_is_available() {
     assert!(levels.contains(&Level::best()));
     let names: Vec<_> = levels.iter().map(|l| l.name()).collect();
     println!("levels here: {names:?}");
+    assert!(levels.iter().all(|&level| Level::named(level.name()) == Some(level)));
+    assert_eq!(Level::named("mmx"), None);
 }

@@ -2,39 +2,82 @@
 
 use crate::simd::{Level, Simd, kernel};
 
-/// Pixels that are filtered together.
-const CHUNK: usize = 32;
-/// A row of a chunk with one column on each side.
-type Padded = [u16; CHUNK + 2];
+/// Pixels that are filtered together: a vector of AVX2.
+const CHUNK: usize = 16;
+/// Values of the pixels of a chunk.
+type Chunk = [u16; CHUNK];
+
+// Loops and functions, no closures: a closure that is not inlined is compiled without the level's instructions.
+#[inline(always)]
+fn least(a: &Chunk, b: &Chunk) -> Chunk {
+    let mut out = [0; CHUNK];
+    for x in 0..CHUNK {
+        out[x] = a[x].min(b[x]);
+    }
+    out
+}
+
+#[inline(always)]
+fn most(a: &Chunk, b: &Chunk) -> Chunk {
+    let mut out = [0; CHUNK];
+    for x in 0..CHUNK {
+        out[x] = a[x].max(b[x]);
+    }
+    out
+}
+
+/// `there`, and `otherwise` where `there` is unknown.
+#[inline(always)]
+fn known(there: &Chunk, otherwise: &Chunk) -> Chunk {
+    let mut out = [0; CHUNK];
+    for x in 0..CHUNK {
+        out[x] = if there[x] == 0 { otherwise[x] } else { there[x] };
+    }
+    out
+}
 
 /// Three values in ascending order.
 #[inline(always)]
-fn sorted([a, b, c]: [u16; 3]) -> [u16; 3] {
-    let (small, large) = (a.min(b), a.max(b));
-    [small.min(c), small.max(large.min(c)), large.max(c)]
+fn sorted(a: &Chunk, b: &Chunk, c: &Chunk) -> [Chunk; 3] {
+    let (small, large) = (least(a, b), most(a, b));
+    [least(&small, c), most(&small, &least(&large, c)), most(&large, c)]
 }
 
 /// Filters a row. `rows` have one border column before the row and reach one column beyond its last chunk;
 /// `out` reaches to the end of its last chunk.
 ///
 /// With each column of the window sorted, the median of the nine values is the median of the maximum of
-/// the lows, the median of the middles and the minimum of the highs.
+/// the lows, the median of the middles and the minimum of the highs. Every operation is one on whole chunks: compilers
+/// make no vectors of a loop over pixels with all of them.
 #[inline(always)]
 fn median_row<S: Simd>(_: S, rows: [&[u16]; 3], out: &mut [u16]) {
+    let width = out.len() + 2;
+    let rows = [&rows[0][..width], &rows[1][..width], &rows[2][..width]];
     for (n, out) in out.chunks_exact_mut(CHUNK).enumerate() {
-        let chunk = |row: usize| rows[row].get(n * CHUNK..).and_then(|row| row.first_chunk());
-        let (Some(above), Some(here), Some(below)) = (chunk(0), chunk(1), chunk(2)) else { continue };
-        let rows: [&Padded; 3] = [above, here, below];
-        for (x, out) in out.iter_mut().enumerate() {
-            let centre = here[x + 1];
+        let mut window = [[[0; CHUNK]; 3]; 3];
+        for row in 0..3 {
+            for column in 0..3 {
+                window[row][column].copy_from_slice(&rows[row][n * CHUNK + column..][..CHUNK]);
+            }
+        }
+        let centre = window[1][1];
+        let mut columns = [[[0; CHUNK]; 3]; 3];
+        for column in 0..3 {
             // An unknown neighbour counts as the pixel itself.
-            let known = |row: usize, x: usize| if rows[row][x] == 0 { centre } else { rows[row][x] };
-            let column = |x: usize| sorted([known(0, x), known(1, x), known(2, x)]);
-            let (a, b, c) = (column(x), column(x + 1), column(x + 2));
-            let low = a[0].max(b[0]).max(c[0]);
-            let middle = sorted([a[1], b[1], c[1]])[1];
-            let high = a[2].min(b[2]).min(c[2]);
-            *out = if centre == 0 { 0 } else { sorted([low, middle, high])[1] };
+            let [above, here, below] = [
+                known(&window[0][column], &centre),
+                known(&window[1][column], &centre),
+                known(&window[2][column], &centre),
+            ];
+            columns[column] = sorted(&above, &here, &below);
+        }
+        let [a, b, c] = &columns;
+        let low = most(&most(&a[0], &b[0]), &c[0]);
+        let middle = &sorted(&a[1], &b[1], &c[1])[1];
+        let high = least(&least(&a[2], &b[2]), &c[2]);
+        let median = &sorted(&low, middle, &high)[1];
+        for x in 0..CHUNK {
+            out[x] = if centre[x] == 0 { 0 } else { median[x] };
         }
     }
 }

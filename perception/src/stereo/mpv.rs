@@ -35,6 +35,12 @@ const MIN_COARSE: usize = 16;
 const MIN_DISPARITIES: usize = 8;
 /// Maximum window size in disparities, at the finest scale and at the next coarser one.
 const WIDEST: [usize; 2] = [96, 48];
+/// Mean size of the windows at most, in percent of the disparities of the finest scale. The paper allows a quarter of the
+/// full range at the finest scale, and half at the scale before it; 24 keeps the total of three scales within 0.3281.
+const BUDGET_PERCENT: usize = 24;
+/// Mean size of the windows at most, in hundredths of a disparity: the memory of many disparities, which windows follow
+/// no further. At 128, one of KITTI 2015's 18 pairs would take more (docs/algorithms.md, node count).
+const BUDGET_HUNDREDTHS: usize = 2050;
 /// Volumes larger than this are assumed not to fit into the caches.
 const CACHE_BYTES: usize = 16 << 20;
 /// Minimum size of a connected region at coarser scales, in pixels.
@@ -301,12 +307,11 @@ pub(super) fn sizes(
     sizes
 }
 
-/// Budget of the windows in vectors, from the number of disparities at the finest scale. The paper allows a
-/// quarter of the full range at the finest scale, and half at the scale before it; the factor 0.24 keeps
-/// the total of three scales within 0.3281.
+/// Budget of the windows in vectors, from the number of disparities at the finest scale.
 pub(super) fn budget(blocks: &Blocks, finest_disparities: usize) -> usize {
     let (width, height) = blocks.size();
-    (width * height * finest_disparities * 24 / 100 / LANES).max(blocks.min_vectors())
+    let hundredths = (finest_disparities * BUDGET_PERCENT).min(BUDGET_HUNDREDTHS);
+    (width * height * hundredths / 100 / LANES).max(blocks.min_vectors())
 }
 
 /// Maximum window size of a scale whose resolution is halved `halved` times.

@@ -20,7 +20,7 @@ pub struct Launch {
     pub lockstep: bool,
     /// First pair that capture publishes.
     pub first_sequence: u64,
-    /// One past the last pair, an integer of TOML; `None` = without end.
+    /// One past the last pair, at most `i64::MAX` as TOML has it; `None` = without end.
     pub end_sequence: Option<u64>,
     /// Source time from one pair to the next, in nanoseconds.
     pub source_period_ns: u64,
@@ -94,6 +94,7 @@ mod tests {
         let rig =
             Rig { focal_px: 721.537_7, baseline_m: 0.1 + 0.2, cx_px: 1.0 / 3.0, cy_px: f64::MIN_POSITIVE };
         let mut config = Config::default();
+        config.recognition.detectors.push(Default::default());
         config.source.path = "a \"b\"\n\\c = [d]".into();
         let launch = Launch {
             config,

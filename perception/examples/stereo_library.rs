@@ -1,7 +1,9 @@
 //! The CPU matcher as a shared library with one C function, for programs that benchmark or evaluate several
-//! matchers. Build with `cargo build --release -p lookout-perception --example stereo_library`.
+//! matchers. Build with `cargo build --release -p lookout-perception --example stereo_library`. The environment variable
+//! `LOOKOUT_LEVEL` names the fastest instruction-set level to use, if the machine supports it.
 
 use lookout_perception::image::GreyView;
+use lookout_perception::simd::Level;
 use lookout_perception::stereo::{MatchOutput, Matcher, Mpv, MpvParameters, Search};
 use std::sync::Mutex;
 
@@ -56,7 +58,9 @@ pub unsafe extern "C" fn peer_run(
             let threads = usize::try_from(threads).unwrap_or(1).clamp(1, 64);
             let parameters = MpvParameters { threads, ..MpvParameters::default() };
             let search = if variant == 1 { Search::Full } else { Search::Windows };
-            let Ok(matcher) = Mpv::new(parameters, search, w, h, d) else { return 4 };
+            let named = std::env::var("LOOKOUT_LEVEL").ok().and_then(|name| Level::named(&name));
+            let level = named.unwrap_or_else(Level::best);
+            let Ok(matcher) = Mpv::at_level(level, parameters, search, w, h, d) else { return 4 };
             if cached.len() == MAX_CACHED {
                 cached.remove(0);
             }

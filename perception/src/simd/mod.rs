@@ -45,11 +45,11 @@ impl Level {
     pub fn best() -> Self {
         // Any order of threads will do: a process sets it once, before it starts others.
         let allowed = ALLOWED.load(Ordering::Relaxed);
-        Self::available().into_iter().take(allowed).last().unwrap_or(Self::PLAIN)
+        Self::available().into_iter().take(allowed).next_back().unwrap_or(Self::PLAIN)
     }
 
-    /// Makes this the fastest level that [`Level::best`] gives from now on in this process: for what another machine
-    /// would do.
+    /// Makes this the fastest level that [`Level::best`] gives from now on in this process, to
+    /// reproduce a slower machine.
     pub fn limit(self) {
         let slower = Self::available().into_iter().take_while(|&level| level != self).count();
         ALLOWED.store(slower + 1, Ordering::Relaxed);

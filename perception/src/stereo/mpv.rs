@@ -38,8 +38,8 @@ const WIDEST: [usize; 2] = [96, 48];
 /// Mean size of the windows at most, in percent of the disparities of the finest scale. The paper allows a quarter of the
 /// full range at the finest scale, and half at the scale before it; 24 keeps the total of three scales within 0.3281.
 const BUDGET_PERCENT: usize = 24;
-/// Mean size of the windows at most, in hundredths of a disparity: the memory of many disparities, which windows follow
-/// no further. At 128, one of KITTI 2015's 18 pairs would take more (docs/algorithms.md, node count).
+/// Mean size of the windows at most, in hundredths of a disparity: limits the workspace where there are many
+/// disparities. At 128, one of KITTI 2015's 18 pairs would take more (docs/algorithms.md, node count).
 const BUDGET_HUNDREDTHS: usize = 2050;
 /// Volumes larger than this are assumed not to fit into the caches.
 const CACHE_BYTES: usize = 16 << 20;

@@ -171,7 +171,7 @@ pub(super) fn launch(
         first_sequence: 0,
         // A later end is none: no run has 2⁶³ pairs.
         end_sequence: end.filter(|&end| i64::try_from(end).is_ok()),
-        source_period_ns: source.period_ns(),
+        source_period_ns: source.period_ns().min(i64::MAX as u64),
         out: options.out.clone(),
         record: options.record.clone(),
     }

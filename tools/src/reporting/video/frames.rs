@@ -3,8 +3,8 @@
 use super::outcome::VideoError;
 use crate::reporting::output::{LINES, OVERLAYS, picture_name};
 use crate::reporting::record::FrameRecord;
-use image::RgbImage;
-use sources::picture;
+use image::{DynamicImage, RgbImage};
+use sources::{SourceError, picture};
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -55,7 +55,7 @@ impl Frames {
             }
         }
         let first = paths.first().ok_or_else(|| VideoError::Empty(path.clone()))?;
-        let first = picture::read(first)?;
+        let first = overlay(first)?;
         let (width, height) = (first.width(), first.height());
         let period_s = period_s(&times_s);
         let shown = times_shown_s(&times_s, period_s);
@@ -65,7 +65,7 @@ impl Frames {
 
     /// The overlay of a frame.
     pub(super) fn picture(&self, frame: &Frame) -> Result<RgbImage, VideoError> {
-        let picture = picture::read(&frame.path)?.into_rgb8();
+        let picture = overlay(&frame.path)?.into_rgb8();
         if picture.dimensions() == (self.width, self.height) {
             Ok(picture)
         } else {
@@ -73,6 +73,15 @@ impl Frames {
             Err(VideoError::Damaged { path: frame.path.clone(), reason })
         }
     }
+}
+
+/// Reads an overlay.
+fn overlay(path: &Path) -> Result<DynamicImage, VideoError> {
+    picture::read(path).map_err(|error| match error {
+        SourceError::Decode { path, reason } => VideoError::Damaged { path, reason },
+        SourceError::Io { path, source } => VideoError::Damaged { path, reason: source.to_string() },
+        other => VideoError::Damaged { path: path.to_owned(), reason: other.to_string() },
+    })
 }
 
 /// Median of the steps forward in time.

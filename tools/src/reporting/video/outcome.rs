@@ -1,6 +1,5 @@
 //! What comes of making a video.
 
-use sources::SourceError;
 use std::io;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -41,10 +40,7 @@ pub enum VideoError {
         /// The cause.
         source: io::Error,
     },
-    /// An overlay cannot be read.
-    #[error("{0}: run the replay again")]
-    Overlay(#[from] SourceError),
-    /// A line of `obstacles.jsonl` is damaged, or an overlay has another size.
+    /// A line of `obstacles.jsonl` or an overlay is damaged.
     #[error("{}: {reason}: run the replay again", path.display())]
     Damaged {
         /// The file.

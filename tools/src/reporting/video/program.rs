@@ -155,9 +155,7 @@ impl Program {
         let status = child.wait().map_err(|e| failed(e.to_string()))?;
         let words = words.and_then(|thread| thread.join().ok()).unwrap_or_default();
         match sent {
-            Err(error @ (VideoError::Overlay(_) | VideoError::Damaged { .. } | VideoError::Empty(_))) => {
-                Err(error)
-            }
+            Err(error @ (VideoError::Damaged { .. } | VideoError::Empty(_))) => Err(error),
             Ok(pictures) if status.success() => {
                 let seconds = pictures as f64 * frames.period_s;
                 Ok(Video { pictures, seconds, left_out: 0 })

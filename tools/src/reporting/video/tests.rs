@@ -142,6 +142,7 @@ fn errors_name_the_remedy_and_leave_no_file() {
     let gif = Plan::new(&folder.path().join("run.gif"), OsStr::new("")).unwrap();
     let error = gif.write(&out, &mut |_| ()).unwrap_err().to_string();
     assert!(error.contains("overlay/000001.png"), "{error}");
+    assert!(error.ends_with(": run the replay again") && !error.contains("replace"), "{error}");
     std::fs::write(out.join("obstacles.jsonl"), b"").unwrap();
     assert!(matches!(gif.write(&out, &mut |_| ()), Err(VideoError::Empty(_))));
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "bin and results");

@@ -61,7 +61,9 @@ impl Machine {
     fn lookout(&self, args: &[&str]) -> Command {
         let inner = self.bench.command(args);
         let mut command = self.enter();
-        command.arg(inner.get_program()).args(args).args(["-c", "/tmp/car.toml"]);
+        // By way of this process: the namespace has a /tmp of its own, and the program may lie below the machine's.
+        let program = format!("/proc/{}/root{}", std::process::id(), inner.get_program().display());
+        command.arg(program).args(args).args(["-c", "/tmp/car.toml"]);
         command
     }
 

@@ -7,33 +7,30 @@ const CHUNK: usize = 16;
 /// Values of the pixels of a chunk.
 type Chunk = [u16; CHUNK];
 
-// Loops and functions, no closures: a closure that is not inlined is compiled without the level's instructions.
+/// `of` of each pixel.
 #[inline(always)]
-fn least(a: &Chunk, b: &Chunk) -> Chunk {
+fn each(a: &Chunk, b: &Chunk, of: impl Fn(u16, u16) -> u16) -> Chunk {
     let mut out = [0; CHUNK];
     for x in 0..CHUNK {
-        out[x] = a[x].min(b[x]);
+        out[x] = of(a[x], b[x]);
     }
     out
 }
 
 #[inline(always)]
+fn least(a: &Chunk, b: &Chunk) -> Chunk {
+    each(a, b, u16::min)
+}
+
+#[inline(always)]
 fn most(a: &Chunk, b: &Chunk) -> Chunk {
-    let mut out = [0; CHUNK];
-    for x in 0..CHUNK {
-        out[x] = a[x].max(b[x]);
-    }
-    out
+    each(a, b, u16::max)
 }
 
 /// `there`, and `otherwise` where `there` is unknown.
 #[inline(always)]
 fn known(there: &Chunk, otherwise: &Chunk) -> Chunk {
-    let mut out = [0; CHUNK];
-    for x in 0..CHUNK {
-        out[x] = if there[x] == 0 { otherwise[x] } else { there[x] };
-    }
-    out
+    each(there, otherwise, |there, otherwise| if there == 0 { otherwise } else { there })
 }
 
 /// Three values in ascending order.
@@ -47,8 +44,8 @@ fn sorted(a: &Chunk, b: &Chunk, c: &Chunk) -> [Chunk; 3] {
 /// `out` reaches to the end of its last chunk.
 ///
 /// With each column of the window sorted, the median of the nine values is the median of the maximum of
-/// the lows, the median of the middles and the minimum of the highs. Every operation is one on whole chunks: compilers
-/// make no vectors of a loop over pixels with all of them.
+/// the lows, the median of the middles and the minimum of the highs. Every step runs over a whole chunk: a loop over
+/// pixels with all steps inside is not vectorised.
 #[inline(always)]
 fn median_row<S: Simd>(_: S, rows: [&[u16]; 3], out: &mut [u16]) {
     let width = out.len() + 2;

@@ -75,7 +75,8 @@ const NEAR_SHARE: f64 = 0.38;
 const MAX_FOOT_HEIGHT_M: f64 = 0.8;
 /// Share of the strips of a region in which a stixel must start lower.
 const MIN_STANDING_SHARE: f64 = 0.4;
-/// A region that is at least this many times as wide as high, of which at least this share is raised ground, is no obstacle.
+/// Raised ground that is at least this many times as wide or deep as high is no obstacle; it makes up at least this share of the
+/// stixels of a region.
 const FLAT_ASPECT: f64 = 3.0;
 const RAISED_SHARE: f64 = 0.6;
 /// Largest width of an occlusion artefact, in px.
@@ -108,6 +109,8 @@ pub struct RegionFinder {
     visited: Vec<bool>,
     stack: Vec<u32>,
     members: Vec<u32>,
+    /// Stixels of a region that are grown once more.
+    rest: Vec<u32>,
     /// Row counts by disparity of the current region.
     histogram: Vec<u32>,
     regions: Vec<Region>,
@@ -123,14 +126,15 @@ impl RegionFinder {
             visited: Vec::with_capacity(capacity),
             stack: Vec::with_capacity(capacity),
             members: Vec::with_capacity(capacity),
+            rest: Vec::with_capacity(capacity),
             histogram: vec![0; disparities * BINS_PER_PX + 1],
             regions: Vec::with_capacity(CAPACITY),
         }
     }
 
     /// Groups stixels into regions with evidence of at least [`MIN_EVIDENCE`], in no order. `size` is the width and height of
-    /// the image; `verifier` is `None` if the images are not available. A flat region most of whose
-    /// stixels are raised ground by `uses` is left out.
+    /// the image; `verifier` is `None` if the images are not available. By `uses`, boundaries and flat raised
+    /// ground are left out.
     pub fn find(
         &mut self,
         stixels: &Stixels,
@@ -153,12 +157,26 @@ impl RegionFinder {
             if self.visited[seed as usize] {
                 continue;
             }
-            self.grow(stixels, surface, rig, seed);
-            if let Some(region) = self.measure(stixels, surface, rig, size)
-                && !self.is_raised_ground(&region, uses)
-                && self.regions.len() < CAPACITY
-            {
-                self.regions.push(region);
+            self.grow(stixels, uses, surface, rig, seed, |a, b| {
+                (a == StixelUse::Boundary) == (b == StixelUse::Boundary)
+            });
+            if !self.is_raised_ground(stixels, uses, rig) {
+                if use_of(uses, seed) != StixelUse::Boundary {
+                    self.take(stixels, surface, rig, size);
+                }
+                continue;
+            }
+            // What stands on the ground was linked with it: it is grown once more by itself.
+            self.rest.clear();
+            let others = self.members.iter().filter(|i| use_of(uses, **i) != StixelUse::RaisedGround);
+            self.rest.extend(others);
+            self.rest.iter().for_each(|i| self.visited[*i as usize] = false);
+            for i in 0..self.rest.len() {
+                let seed = self.rest[i];
+                if !self.visited[seed as usize] {
+                    self.grow(stixels, uses, surface, rig, seed, |a, b| a == b);
+                    self.take(stixels, surface, rig, size);
+                }
             }
         }
         self.remove_occlusion_artefacts();
@@ -179,8 +197,25 @@ impl RegionFinder {
         &self.regions
     }
 
-    /// Region growing: collects all stixels that connect to the seed and are not much farther away.
-    fn grow(&mut self, stixels: &Stixels, surface: &RoadSurface, rig: &Rig, seed: u32) {
+    /// Adds the region that was grown last, if it may be an obstacle.
+    fn take(&mut self, stixels: &Stixels, surface: &RoadSurface, rig: &Rig, size: (usize, usize)) {
+        if self.regions.len() < CAPACITY
+            && let Some(region) = self.measure(stixels, surface, rig, size)
+        {
+            self.regions.push(region);
+        }
+    }
+
+    /// Region growing: collects all stixels that connect to the seed, whose uses may be linked, and that are not much farther away.
+    fn grow(
+        &mut self,
+        stixels: &Stixels,
+        uses: &[StixelUse],
+        surface: &RoadSurface,
+        rig: &Rig,
+        seed: u32,
+        may_link: impl Fn(StixelUse, StixelUse) -> bool,
+    ) {
         let list = stixels.list();
         let near_m = rig.distance_m(f64::from(list[seed as usize].disparity_px));
         let min_px = rig.disparity_px(near_m + self.parameters.depth_span_m) as f32;
@@ -197,6 +232,7 @@ impl RegionFinder {
                 for j in stixels.range(next) {
                     let other = &list[j];
                     if !self.visited[j]
+                        && may_link(use_of(uses, i), use_of(uses, j as u32))
                         && other.disparity_px >= min_px
                         && linked(&here, other, surface, px_at_1_m)
                     {
@@ -208,13 +244,27 @@ impl RegionFinder {
         }
     }
 
-    /// Whether the region that was grown last is a pavement or a lawn behind a kerb: most of it belongs to raised ground, and
-    /// it is flat. A cone or a person on the pavement is not.
-    fn is_raised_ground(&self, region: &Region, uses: &[StixelUse]) -> bool {
-        let is_raised = |i: &&u32| uses.get(**i as usize) == Some(&StixelUse::RaisedGround);
-        let raised = self.members.iter().filter(is_raised).count();
-        let is_flat = f64::from(region.bounds.width) >= FLAT_ASPECT * f64::from(region.bounds.height);
-        is_flat && raised as f64 >= RAISED_SHARE * self.members.len() as f64
+    /// Whether most of the region that was grown last belongs to raised ground, a pavement or a lawn behind a kerb, and that
+    /// part is flat: several times as wide, or as deep, as high. A cone or a person on the pavement is not.
+    fn is_raised_ground(&self, stixels: &Stixels, uses: &[StixelUse], rig: &Rig) -> bool {
+        let (mut left, mut right, mut high_m) = (u32::MAX, 0, 0.0_f32);
+        let (mut near_px, mut far_px, mut raised) = (0.0_f32, f32::INFINITY, 0);
+        for &i in self.members.iter().filter(|i| use_of(uses, **i) == StixelUse::RaisedGround) {
+            let stixel = &stixels.list()[i as usize];
+            (left, right, high_m) =
+                (left.min(stixel.strip), right.max(stixel.strip), high_m.max(stixel.high_m));
+            (near_px, far_px) = (near_px.max(stixel.disparity_px), far_px.min(stixel.disparity_px));
+            raised += 1;
+        }
+        if raised == 0 || f64::from(raised) < RAISED_SHARE * self.members.len() as f64 {
+            return false;
+        }
+        let [near_px, far_px] = [near_px, far_px].map(f64::from);
+        let columns = f64::from((right + 1 - left) * STRIP_COLUMNS as u32);
+        let near_m = rig.distance_m(near_px);
+        let depth_m = (rig.distance_m(far_px + FACE_HALF_WIDTH_PX) - near_m).max(0.0);
+        let width_m = columns * near_m / rig.focal_px;
+        width_m.hypot(depth_m) >= FLAT_ASPECT * f64::from(high_m)
     }
 
     /// Removes narrow regions adjacent to a nearer, larger one: where the background is occluded in one
@@ -388,6 +438,11 @@ fn evidence(region: &Region, surface: &RoadSurface) -> f64 {
         + EVIDENCE[2] * fill.ln()
         + EVIDENCE[3] * region.height_m.max(0.05).ln()
         + EVIDENCE[4] * f64::from(region.pixels.max(1)).ln()
+}
+
+/// The use of a stixel; free where none is told.
+fn use_of(uses: &[StixelUse], i: u32) -> StixelUse {
+    uses.get(i as usize).copied().unwrap_or_default()
 }
 
 /// Height of a region's top above the road, in standard deviations of the height noise.

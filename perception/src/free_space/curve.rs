@@ -8,7 +8,8 @@
 use super::boundary::{Boundary, BoundaryPoint, MAX_POINTS};
 use super::limits::{
     BENDING_RAD, GATE_SIGMAS, HEIGHT_STEP_M, LONGEST_VEHICLE_M, LORRY_GAP_M, LOW_HEIGHT_M, MAX_GAP_M,
-    MAX_HIDDEN_M, MIN_LENGTH_M, RAISED_M, ROUGHNESS_M, STEADY_SHARE, STIXEL_SIGMA_PX,
+    MAX_HIDDEN_M, MIN_LENGTH_M, RAISED_M, ROUGHNESS_M, STEADY_SHARE, STIXEL_SIGMA_PX, TALL_HEIGHT_M,
+    TALL_LENGTH_M, TALL_SHARE,
 };
 use crate::detection::stixel_use::StixelUse;
 use crate::detection::stixels::{Stixel, Stixels};
@@ -53,6 +54,8 @@ struct Member {
     slope: f64,
     inverse_m: f64,
     height_m: f64,
+    /// Whether it goes on higher than any vehicle; `None` where nothing tells.
+    is_tall: Option<bool>,
     /// Length from the member before it, in metres; 0 where something is hidden between them.
     seen_m: f64,
 }
@@ -251,8 +254,28 @@ impl CurveFinder {
         }
         self.visited[index] = true;
         let inverse_m = RayStixel::new(&own, &self.rig, noise_px).inverse_m;
-        let member = Member { slope: at.slope, inverse_m, height_m: f64::from(height_m), seen_m };
+        let is_tall = self.is_tall(stixels, &own, tolerance_px);
+        let member = Member { slope: at.slope, inverse_m, height_m: f64::from(height_m), is_tall, seen_m };
         self.members.push(member);
+    }
+
+    /// Whether the surface of a stixel goes on up to where no vehicle reaches; `None` if nothing tells: the picture ends before, or
+    /// there is no texture.
+    fn is_tall(&self, stixels: &Stixels, own: &Stixel, tolerance_px: f32) -> Option<bool> {
+        let rows_per_m = f64::from(own.disparity_px) / self.rig.baseline_m;
+        let above = (TALL_HEIGHT_M - f64::from(own.high_m)) * rows_per_m;
+        let top = usize::from(own.top).checked_sub(above.max(0.0).ceil() as usize)?;
+        let rows = &stixels.depths(own.strip as usize)[top..usize::from(own.top)];
+        let share = |is: &dyn Fn(f32) -> bool| {
+            let count = rows.iter().filter(|depth| **depth > 0 && is(f32::from(**depth) / 256.0)).count();
+            count as f64 / rows.len().max(1) as f64
+        };
+        let is_same = |px: f32| (px - own.disparity_px).abs() <= tolerance_px;
+        let is_behind = |px: f32| px < own.disparity_px - tolerance_px;
+        if rows.is_empty() || share(&is_same) >= TALL_SHARE {
+            return Some(true);
+        }
+        (share(&is_behind) >= TALL_SHARE).then_some(false)
     }
 
     /// Whether the collected members are longer than a vehicle, without the gaps between vehicles, and steady.
@@ -261,6 +284,19 @@ impl CurveFinder {
         let is_low = |height_m: f64| (f64::from(RAISED_M.end)..LOW_HEIGHT_M).contains(&height_m);
         self.is_steady(MAX_GAP_M, MIN_LENGTH_M).is_some_and(is_low)
             || self.is_steady(LORRY_GAP_M, LONGEST_VEHICLE_M).is_some_and(|height_m| height_m >= LOW_HEIGHT_M)
+            || self.is_high()
+    }
+
+    /// Whether what is seen of the members is higher than any vehicle.
+    fn is_high(&self) -> bool {
+        let mut seen_m = [0.0; 2];
+        for member in self.members.iter().filter(|member| member.seen_m <= LORRY_GAP_M) {
+            if let Some(is_tall) = member.is_tall {
+                seen_m[usize::from(is_tall)] += member.seen_m;
+            }
+        }
+        let [low_m, tall_m] = seen_m;
+        tall_m >= TALL_LENGTH_M && tall_m >= STEADY_SHARE * (low_m + tall_m)
     }
 
     /// The median height of the members, if the part in which a gap of `gap_m` would be seen is longer than `length_m`

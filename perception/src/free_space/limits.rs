@@ -15,6 +15,19 @@ pub const BENDING_RAD: f64 = 0.05;
 /// Gate of all tests of belonging, in standard deviations.
 pub const GATE_SIGMAS: f64 = 3.0;
 
+/// Largest gate of the noise across a boundary, in metres, with which a stixel is taken for a part of it: the width of a person.
+/// Beyond that noise does not tell who stands before a wall from the wall.
+pub const MAX_GATE_M: f64 = 0.5;
+
+/// What stands farther before a boundary than this, in metres, is something else: a person, a bin.
+pub const RELIEF_M: f64 = 0.3;
+
+/// And farther than this number of standard deviations.
+pub const RELIEF_SIGMAS: f64 = 1.5;
+
+/// Strips on each side over which that is averaged.
+pub const RELIEF_STRIPS: usize = 2;
+
 /// Length in metres along a boundary that may be seen through. Drivers leave more between parked cars, to get out.
 pub const MAX_GAP_M: f64 = 0.6;
 
@@ -30,6 +43,15 @@ pub const LOW_HEIGHT_M: f64 = 2.2;
 
 /// Longest vehicle, in metres (lorry with trailer): what is higher than [`LOW_HEIGHT_M`] has to be longer.
 pub const LONGEST_VEHICLE_M: f64 = 19.0;
+
+/// Higher than any vehicle may be, in metres: a house, a tall hedge.
+pub const TALL_HEIGHT_M: f64 = 4.3;
+
+/// Share of the rows up to there in which it is seen: windows without texture are not.
+pub const TALL_SHARE: f64 = 0.5;
+
+/// Smallest length of what is so high, in metres: wider than a tree's trunk, a sign or a lamp.
+pub const TALL_LENGTH_M: f64 = 3.0;
 
 /// Gap between two lorries or buses that stand in a row, in metres.
 pub const LORRY_GAP_M: f64 = 1.5;

@@ -6,7 +6,8 @@
 //!
 //! 1. [`ground_grid`]: heights above the road by direction and distance; [`raised_ground`]: lawns and pavements among them.
 //! 2. [`curve`]: stixels that continue each other along a wall, a hedge or a guard rail. A boundary is longer than a
-//!    vehicle, goes on without the gaps between parked cars, and has a steady height. [`track`] filters them over frames.
+//!    vehicle, goes on without the gaps between parked cars, and has a steady height, or is higher than any vehicle.
+//!    [`track`] filters them over frames. What stands before a boundary (`relief`) is no part of it.
 //! 3. [`sectors`]: the free distance of each direction. Unknown ground is not free.
 //!
 //! A boundary may stand across the way: an end wall, a barrier, the rail of a bend that is not taken. What of it is in the
@@ -19,6 +20,7 @@ pub mod curve;
 pub mod ground_grid;
 pub mod limits;
 pub mod raised_ground;
+mod relief;
 pub mod road_view;
 pub mod sectors;
 pub mod track;
@@ -33,8 +35,12 @@ use boundary::{Boundary, Meeting};
 use corridor::Corridor;
 use curve::{CurveFinder, RayStixel};
 use ground_grid::GroundGrid;
-use limits::{GATE_SIGMAS, HEIGHT_STEP_M, LOW_HEIGHT_M, MAX_GROUND_M, MAX_SPREAD_M, ROUGHNESS_M};
+use limits::{
+    GATE_SIGMAS, HEIGHT_STEP_M, LOW_HEIGHT_M, MAX_GATE_M, MAX_GROUND_M, MAX_SPREAD_M, RELIEF_STRIPS,
+    ROUGHNESS_M,
+};
 use raised_ground::RaisedGround;
+use relief::Relief;
 use road_view::RoadView;
 use sectors::{FreeSector, SectorFinder, SectorInput};
 use track::TrackList;
@@ -51,6 +57,8 @@ pub struct FreeSpaceFinder {
     tracks: TrackList,
     sectors: SectorFinder,
     uses: Vec<StixelUse>,
+    /// Of each strip, before one boundary.
+    reliefs: Vec<Relief>,
 }
 
 impl FreeSpaceFinder {
@@ -65,6 +73,7 @@ impl FreeSpaceFinder {
             tracks: TrackList::new(regions.confirm),
             sectors: SectorFinder::new(rig, &grid),
             uses: Vec::with_capacity(stixels.capacity()),
+            reliefs: Vec::with_capacity(stixels.strips()),
             grid,
             rig,
         }
@@ -149,13 +158,27 @@ impl FreeSpaceFinder {
     }
 
     fn mark_boundaries(&mut self, stixels: &Stixels, noise_px: f64) {
-        let boundaries = self.tracks.boundaries();
-        if boundaries.is_empty() {
-            return;
-        }
-        for strip in 0..stixels.strips() {
-            let slope = self.rig.lateral_m(Stixels::column(strip), 1.0);
-            for meeting in boundaries.iter().filter_map(|boundary| boundary.meet(slope)) {
+        for boundary in self.tracks.boundaries() {
+            self.reliefs.clear();
+            for strip in 0..stixels.strips() {
+                let meeting = boundary.meet(self.rig.lateral_m(Stixels::column(strip), 1.0));
+                let own = meeting.map(|meeting| {
+                    let all = stixels.range(strip).filter(|i| self.uses[*i].is_free());
+                    let all = all.map(|i| &stixels.list()[i]);
+                    let own = all.filter(|stixel| belongs(stixel, &meeting, &self.rig, noise_px));
+                    let ray = |stixel: &Stixel| RayStixel::new(stixel, &self.rig, noise_px);
+                    Relief::of(own.map(|stixel| (ray(stixel), stixel.rows)), &meeting)
+                });
+                self.reliefs.push(own.unwrap_or_default());
+            }
+            for strip in 0..stixels.strips() {
+                let slope = self.rig.lateral_m(Stixels::column(strip), 1.0);
+                let Some(meeting) = boundary.meet(slope) else { continue };
+                let around = strip.saturating_sub(RELIEF_STRIPS)..(strip + RELIEF_STRIPS + 1);
+                let around = &self.reliefs[around.start..around.end.min(self.reliefs.len())];
+                if Relief::sum(around).stands_before() {
+                    continue;
+                }
                 for i in stixels.range(strip) {
                     let stixel = &stixels.list()[i];
                     if self.uses[i].is_free() && belongs(stixel, &meeting, &self.rig, noise_px) {
@@ -173,15 +196,17 @@ fn place(stixel: &Stixel, rig: &Rig) -> [f64; 2] {
     [rig.lateral_m(Stixels::column(stixel.strip as usize), distance_m), distance_m]
 }
 
-/// Whether a stixel is part of a boundary: at its distance, within the errors of both, and not higher than it, as a person
-/// before a guard rail is.
+/// Whether a stixel is part of a boundary: at its distance, within the errors of both, where these tell the boundary from a
+/// car before it, and not higher than it, as a person before a guard rail is.
 fn belongs(stixel: &Stixel, boundary: &Meeting, rig: &Rig, noise_px: f64) -> bool {
     let ray = RayStixel::new(stixel, rig, noise_px);
     let across_m = boundary.sigma_m.hypot(ROUGHNESS_M);
     let shape = ray.inverse_m * across_m / boundary.line_m.max(across_m);
     let gate = GATE_SIGMAS * ray.sigma.hypot(shape);
     let is_high = f64::from(stixel.high_m) > boundary.height_m + 2.0 * HEIGHT_STEP_M;
+    let is_sure = GATE_SIGMAS * ray.sigma * boundary.line_m * boundary.distance_m <= MAX_GATE_M;
     (boundary.height_m >= LOW_HEIGHT_M || !is_high)
+        && is_sure
         && (ray.inverse_m - 1.0 / boundary.distance_m).abs() <= gate
 }
 

@@ -166,6 +166,40 @@ fn long_vehicles_beside_and_ahead_are_no_boundary() {
 }
 
 #[test]
+fn a_house_is_a_boundary_and_no_row_of_boxes_and_a_bus_of_that_length_is_none() {
+    let side = |height_m| see(&[Solid([4.2, 8.0, 9.0, 16.0, 0.0, height_m])]);
+    let (house, bus) = (side(7.0), side(3.2));
+    let [boundary] = &house.boundaries[..] else { panic!("{:?}", house.boundaries) };
+    assert_eq!(boundary.side, Side::Right);
+    assert_eq!(house.regions, [], "its front");
+    assert_eq!(bus.boundaries, []);
+    assert!(!bus.regions.is_empty());
+}
+
+#[test]
+fn who_stands_before_a_wall_is_seen() {
+    let person = Solid([4.2, 4.7, 11.8, 12.1, 0.0, 1.75]);
+    let seen = see(&[WALL, person]);
+    let near: Vec<_> = seen.regions.iter().filter(|region| region.distance_m < 25.0).collect();
+    let [region] = near[..] else { panic!("{:?}", seen.regions) };
+    assert!((region.distance_m - 11.8).abs() < 0.3 && (region.lateral_m - 4.45).abs() < 0.2, "{region:?}");
+    assert!(region.width_m < 0.9, "{region:?}");
+}
+
+#[test]
+fn a_pole_on_a_lawn_is_no_part_of_it() {
+    let lawn = Solid([2.6, 30.0, 0.5, 60.0, 0.0, 0.2]);
+    let pole = Solid([3.4, 3.7, 9.0, 9.3, 0.0, 4.0]);
+    let seen = see(&[lawn, pole]);
+    // Of the lawn's corner at the border of the picture something is left.
+    let is_inside = |region: &&Region| region.bounds.x + region.bounds.width < 600;
+    let near: Vec<_> =
+        seen.regions.iter().filter(is_inside).filter(|region| region.distance_m < 12.0).collect();
+    let [region] = near[..] else { panic!("{:?}", seen.regions) };
+    assert!((region.distance_m - 9.0).abs() < 0.3 && region.width_m < 0.6, "{region:?}");
+}
+
+#[test]
 fn a_wall_across_the_path_stays_an_obstacle_there() {
     let seen = see(&[Solid([-12.0, 12.0, 15.0, 15.4, 0.0, 1.2])]);
     let [boundary] = &seen.boundaries[..] else { panic!("{:?}", seen.boundaries) };
@@ -178,8 +212,8 @@ fn a_wall_across_the_path_stays_an_obstacle_there() {
 
 #[test]
 fn a_person_before_a_rail_is_no_part_of_it() {
-    let rail = Solid([-9.0, 9.0, 14.0, 14.1, 0.0, 0.8]);
-    let person = Solid([4.0, 4.5, 13.8, 14.1, 0.0, 1.75]);
+    let rail = Solid([-9.0, 9.0, 9.0, 9.1, 0.0, 0.8]);
+    let person = Solid([4.0, 4.5, 8.8, 9.1, 0.0, 1.75]);
     let seen = see(&[rail, person]);
     assert_eq!(seen.boundaries.len(), 1, "{:?}", seen.boundaries);
     let own = |(stixel_use, [lateral_m, _]): &&(StixelUse, [f64; 2])| {

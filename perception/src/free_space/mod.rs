@@ -196,8 +196,8 @@ fn place(stixel: &Stixel, rig: &Rig) -> [f64; 2] {
     [rig.lateral_m(Stixels::column(stixel.strip as usize), distance_m), distance_m]
 }
 
-/// Whether a stixel is part of a boundary: at its distance, within the errors of both, where these tell the boundary from a
-/// car before it, and not higher than it, as a person before a guard rail is.
+/// Whether a stixel is part of a boundary: at its distance, within the errors of both, where the noise is so low that a person
+/// before the boundary would differ from it, and not higher than the boundary, as a person before a guard rail is.
 fn belongs(stixel: &Stixel, boundary: &Meeting, rig: &Rig, noise_px: f64) -> bool {
     let ray = RayStixel::new(stixel, rig, noise_px);
     let across_m = boundary.sigma_m.hypot(ROUGHNESS_M);

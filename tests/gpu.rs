@@ -164,15 +164,18 @@ fn the_clock_table_has_a_row_for_each_clock_and_restores_them() {
         std::fs::write(gpu.join(file), text).unwrap();
     }
     bench.configure(&format!(
-        "[soak]\nwarm_up_s = 0.5\n[clocks]\ncheck_ms = 100\n[board]\nsysfs = \"{}\"\n",
+        "[soak]\nwarm_up_s = 3.0\n[clocks]\ncheck_ms = 100\n[board]\nsysfs = \"{}\"\n",
         bench.path("sys").display()
     ));
     let soak = |minutes| {
         let args = ["soak", &drive, "--gpu-table", "--minutes", minutes, "--out", "seen", "--json"];
         let mut soak = bench.command(&args);
-        soak.args(["--set", PATIENT, "-c"]).arg(bench.path("car.toml")).output().unwrap()
+        soak.args(["--set", PATIENT, "--set", "stereo.disparities=16", "-c"])
+            .arg(bench.path("car.toml"))
+            .output()
+            .unwrap()
     };
-    let mut output = soak("0.05");
+    let mut output = soak("0.1");
     // A software driver compiles for longer than that on a busy machine.
     if String::from_utf8_lossy(&output.stderr).contains("no results with the GPU") {
         output = soak("0.4");

@@ -17,7 +17,7 @@ pub mod can_out;
 pub mod evaluation;
 pub mod recording;
 pub mod reporting;
-#[cfg(feature = "ros2")]
+#[cfg(any(feature = "ros2", test))]
 pub mod ros2;
 pub mod soak;
 pub mod training;

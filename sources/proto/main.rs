@@ -1,7 +1,7 @@
-//! Writes the code and the descriptor sets in `src/recording/generated` from `proto/foxglove/*.proto`:
+//! Writes the code and the descriptor sets in `sources/src/recording/generated` from `foxglove/*.proto`:
 //!
 //! ```text
-//! cargo run -p lookout-sources --example generate_protobuf
+//! cargo run --manifest-path sources/proto/Cargo.toml
 //! ```
 //!
 //! `foxglove.rs` and `google.protobuf.rs` hold the message types. `<Message>.bin` is the schema of a topic
@@ -21,13 +21,15 @@ const RECORDED: [&str; 7] = [
     "SceneUpdate",
 ];
 
-fn path_in_sources(path: &str) -> PathBuf {
+const GENERATED: &str = "../src/recording/generated";
+
+fn path_here(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
 }
 
 /// Writes all files into a folder that exists.
 fn generate(folder: &Path) -> Result<(), Box<dyn Error>> {
-    let proto = path_in_sources("proto");
+    let proto = path_here("");
     let files = RECORDED.map(|name| format!("foxglove/{name}.proto"));
     for (name, file) in RECORDED.iter().zip(&files) {
         let mut compiler = protox::Compiler::new([&proto])?;
@@ -46,7 +48,7 @@ fn generate(folder: &Path) -> Result<(), Box<dyn Error>> {
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    generate(&path_in_sources("src/recording/generated"))
+    generate(&path_here(GENERATED))
 }
 
 #[cfg(test)]
@@ -63,12 +65,12 @@ mod tests {
     fn the_generated_files_are_up_to_date() {
         let fresh = tempfile::tempdir().unwrap();
         generate(fresh.path()).unwrap();
-        let (fresh, kept) = (files(fresh.path()), files(&path_in_sources("src/recording/generated")));
+        let (fresh, kept) = (files(fresh.path()), files(&path_here(GENERATED)));
         assert!(fresh.keys().eq(kept.keys()), "{:?}, checked in: {:?}", fresh.keys(), kept.keys());
         for (name, bytes) in &fresh {
             assert!(
                 kept[name] == *bytes,
-                "{name} is out of date: cargo run -p lookout-sources --example generate_protobuf"
+                "{name} is out of date: cargo run --manifest-path sources/proto/Cargo.toml"
             );
         }
     }

@@ -183,7 +183,7 @@ def free_space(lookout):
         ("`street`", weather_rows(lookout)),
         ("seeds 150 to 157", weather_rows(lookout, "random", "--seeds", "150-157")),
     ]:
-        for key, what, scale in [("found", "truly free ground found, %", 100), ("wrong_m", "wrongly free, m a frame", 1)]:
+        for key, what, scale in [("found", "truly free ground found, %", 100), ("wrong_m", "wrongly free, m, mean over the columns", 1)]:
             cells = [number(scale * row["free_space"][key], 1 if scale > 1 else 2) for row in rows]
             lines.append([f"{name}: {what}", *cells])
     return table(["", *(name.replace("_", " ") for name in WEATHERS)], lines)
@@ -195,7 +195,7 @@ def approaches(lookout):
         lines.append(
             [
                 f"`{row['scene']}`",
-                f"{row['start_m']:g} m",
+                f"{row['start_m']:.1f} m",
                 f"{number(row['first_found_m'], 1)} m",
                 row["missed_after"],
                 f"{number(row['alarm_m'], 1)} m",
@@ -401,11 +401,10 @@ def machine():
     return ", ".join(word for word in words if word)
 
 
-def measured(lookout, name, changed):
+def measured(lookout, name, commit):
     """A table with where it comes from."""
     lookout.commands = []
     figures = TABLES[name](lookout)
-    commit = git("rev-parse", "--short=7", "HEAD") + (" with changes" if changed else "")
     commands = "; ".join(f"`{command}`" for command in lookout.commands)
     today = datetime.date.today().isoformat()
     return f"Commit `{commit}`, {today}, {machine()}: {commands}.\n\n{figures}"
@@ -473,6 +472,8 @@ def main():
     changed = bool(git("status", "--porcelain", "--untracked-files=no", "--", ".", ":(exclude)docs", ":(exclude)*.md"))
     if arguments.write and changed:
         parser.error("--write needs a committed tree: figures are of a commit")
+    # Before the program is built: what is committed while it measures is not what it measures.
+    commit = git("rev-parse", "--short=7", "HEAD") + (" with changes" if changed else "")
     program = arguments.lookout
     if program is None:
         subprocess.run(["cargo", "build", "--release", "--locked"], cwd=ROOT, check=True)
@@ -482,7 +483,7 @@ def main():
     for name in names:
         print(f"{name}:", file=sys.stderr, flush=True)
         try:
-            text = measured(lookout, name, changed)
+            text = measured(lookout, name, commit)
         except Absent as absent:
             print(f"{name} stays as it is: {absent}", file=sys.stderr)
             failed += 1

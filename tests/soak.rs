@@ -144,3 +144,47 @@ fn a_soak_that_cannot_start_says_why() {
     assert!(!bench.path("table").exists());
     bench.assert_clean();
 }
+
+#[test]
+fn the_ambient_table_has_a_row_for_each_temperature_and_needs_a_sensor() {
+    let bench = Bench::new();
+    let recording = bench.record("drive", 4);
+    let sys = bench.path("sys");
+    bench.configure(&format!("{EASY}[board]\nsysfs = \"{}\"\n", sys.display()));
+    let run = |celsius: &str| {
+        let table = ["--ambient-table", celsius, "--minutes", "0.05"];
+        soak(&bench, &[&[recording.as_str(), "--out", "seen", "--json"], &table[..]].concat())
+    };
+    let refused = run("20");
+    assert_eq!(refused.status.code(), Some(1));
+    let words = text(&refused);
+    assert!(words.contains("no thermal zone") && words.contains(sys.to_str().unwrap()), "{words}");
+
+    let zone = sys.join("class/thermal/thermal_zone0");
+    let chip = sys.join("class/hwmon/hwmon0");
+    for folder in [&zone, &chip] {
+        std::fs::create_dir_all(folder).unwrap();
+    }
+    std::fs::write(zone.join("type"), "cpu-thermal").unwrap();
+    for (file, number) in [("power1_input", "2900000"), ("power2_input", "9200000")] {
+        std::fs::write(chip.join(file), number).unwrap();
+    }
+    std::fs::write(chip.join("power2_label"), "VDD_IN").unwrap();
+    let mut runs = serde_json::Value::Null;
+    for (celsius, milli) in [("55", "71500"), ("20", "46250")] {
+        std::fs::write(zone.join("temp"), milli).unwrap();
+        let output = run(celsius);
+        assert!(output.status.success(), "{}", text(&output));
+        runs = serde_json::from_slice(&output.stdout).expect("standard output is JSON");
+    }
+    assert_eq!(json(&bench.path("seen/ambient-table.json")), runs);
+    let ambient: Vec<_> = runs.as_array().unwrap().iter().map(|run| run["ambient_c"].as_f64()).collect();
+    assert_eq!(ambient, [Some(20.0), Some(55.0)]);
+    for phase in ["standby", "full_load"] {
+        assert_eq!(runs[1][phase], serde_json::json!({ "chip_c": [71.5, 71.5], "power_w": 9.2 }), "{runs}");
+    }
+    assert!(runs[0]["fps"][1].as_f64() > Some(0.0) && runs[0]["rail"] == "VDD_IN", "{runs}");
+    let table = std::fs::read_to_string(bench.path("seen/ambient-table.md")).unwrap();
+    assert!(table.contains("| here  |        55.0 |              72 to 72 |"), "{table}");
+    bench.assert_clean();
+}

@@ -9,6 +9,7 @@ pub mod hot_board;
 mod observer;
 pub mod pairs;
 pub mod plan;
+pub mod power;
 mod probe;
 mod processes;
 

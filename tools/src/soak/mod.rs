@@ -1,6 +1,7 @@
 //! Soak tests: statistics in bounded memory, fault injection, recoveries, budgets and the report. All of it is
 //! pure; `lookout soak` provides the measurements.
 
+pub mod ambient;
 pub mod budget;
 pub mod delays;
 pub mod director;

@@ -16,6 +16,7 @@ pub const HELP: &str = "Examples:
   lookout soak --overload --minutes 10                twice the rate that the daemon sustains
   lookout soak --tables                               reproduce the paper's tables
   lookout soak --gpu-table -c orin-nano               its table of GPU clocks, on a suitable board
+  lookout soak --ambient-table 22.5 --out out/heat    a row of its table of ambient temperatures
 
 Starts the daemon as a separate instance, loops the source, and measures from outside. Budgets are
 in [soak] of the configuration; the exit code is 1 if one is exceeded. Without -c, 64 disparities
@@ -34,7 +35,8 @@ pub struct Soak {
     #[command(flatten)]
     pub config: ConfigArgs,
     /// Minutes to measure, after the warm-up [default: 5; with --kills until all are done; with
-    /// --tables 1 for each rate, with --gpu-table 1 for each clock]
+    /// --tables 1 for each rate, with --gpu-table 1 for each clock, with --ambient-table 10 of standby and
+    /// 10 of full load]
     #[arg(long, value_name = "N", value_parser = minutes)]
     pub minutes: Option<f64>,
     /// Pairs per second [default: source.fps, or 12.5]
@@ -59,12 +61,22 @@ pub struct Soak {
     /// paper's table of GPU frequencies; needs a board whose GPU clock can be set
     #[arg(long, conflicts_with_all = ["fps", "faults", "kills", "seed", "overload", "tables"])]
     pub gpu_table: bool,
+    /// Measure the temperature of the chip and the power of the board at this ambient temperature, in standby and at
+    /// 24 fps, and print them beside the paper's table, with the runs at other temperatures in the same
+    /// folder; needs a board with a temperature sensor
+    #[arg(long, value_name = "CELSIUS", value_parser = celsius, allow_hyphen_values = true,
+          conflicts_with_all = ["fps", "faults", "kills", "seed", "overload", "tables", "gpu_table"])]
+    pub ambient_table: Option<f64>,
     /// Folder for the report
     #[arg(long, default_value = "out/soak", value_name = "DIR")]
     pub out: PathBuf,
     /// Print the report as JSON
     #[arg(long)]
     pub json: bool,
+}
+
+fn celsius(text: &str) -> Result<f64, String> {
+    number(text, -60.0, 150.0)
 }
 
 fn minutes(text: &str) -> Result<f64, String> {

@@ -1,5 +1,6 @@
 //! `lookout soak`.
 
+mod ambient;
 mod arguments;
 mod gpu;
 mod session;
@@ -43,6 +44,7 @@ pub fn run(args: &Soak, log: Option<&str>) -> Result<(), CommandError> {
     let (mut config, mut settings) = prepare(args, log)?;
     // Checked first, before minutes are spent.
     let clock = args.gpu_table.then(|| gpu::clock(&config)).transpose()?;
+    let sensors = args.ambient_table.map(|_| ambient::sensors(&config)).transpose()?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&stop))
@@ -53,6 +55,9 @@ pub fn run(args: &Soak, log: Option<&str>) -> Result<(), CommandError> {
     let _pairs = draw(args, &mut config, &mut settings)?;
     if let Some(clock) = clock {
         return gpu::run(args, &config, &settings, &source, &clock, &stop);
+    }
+    if let (Some(ambient_c), Some(sensors)) = (args.ambient_table, sensors) {
+        return ambient::run(args, ambient_c, &config, &settings, &source, &sensors, &stop);
     }
     if args.tables {
         return tables::run(args, &config, &settings, &source, &stop);

@@ -52,7 +52,8 @@ class Lookout:
     def json(self, *arguments, read=None):
         """The JSON that a command prints, or a file that it writes. Its exit status may be 1: a budget that was missed."""
         arguments = [str(argument) for argument in arguments]
-        shown = "lookout " + " ".join(arguments).replace(f"{self.data}/", "").replace(f"{self.folder}/", "")
+        shown = "lookout " + " ".join(arguments).replace(f"{self.data}/", "")
+        shown = re.sub(rf" (--out|-o) {re.escape(str(self.folder))}/\S+", "", shown)
         if shown not in self.commands:
             self.commands.append(shown)
         if shown not in self.done:
@@ -325,7 +326,7 @@ SOAKS = {
     "soak": ["--minutes", "20"],
     "soak-faults": ["--minutes", "20", "--faults", "--seed", "7"],
     "soak-kills": ["--kills", "1000", "--seed", "1"],
-    "soak-overload": ["--overload", "--minutes", "10"],
+    "soak-overload": ["--overload", "--minutes", "5"],
     "soak-hour": ["--minutes", "60"],
     "soak-hour-faults": ["--minutes", "60", "--faults", "--seed", "7"],
 }

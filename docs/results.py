@@ -39,7 +39,9 @@ class Lookout:
 
     def __init__(self, program, data):
         self.program, self.data = program, data
-        self.folder = pathlib.Path(tempfile.mkdtemp(prefix="results-"))
+        # Removed at the end.
+        self.temporary = tempfile.TemporaryDirectory(prefix="results-")
+        self.folder = pathlib.Path(self.temporary.name)
         self.done, self.commands = {}, []
 
     def folder_of(self, name):
@@ -50,7 +52,7 @@ class Lookout:
         return path
 
     def json(self, *arguments, read=None):
-        """The JSON that a command prints, or a file that it writes. Its exit status may be 1: a budget that was missed."""
+        """The JSON that a command prints, or a file that it writes; also where a budget was missed and it exits with 1."""
         arguments = [str(argument) for argument in arguments]
         shown = "lookout " + " ".join(arguments).replace(f"{self.data}/", "")
         shown = re.sub(rf" (--out|-o) {re.escape(str(self.folder))}/\S+", "", shown)
@@ -59,10 +61,13 @@ class Lookout:
         if shown not in self.done:
             print(f"  {shown}", file=sys.stderr, flush=True)
             start = time.monotonic()
-            run = subprocess.run([self.program, *arguments], cwd=ROOT, stdout=subprocess.PIPE, text=True)
-            if run.returncode not in (0, 1):
-                raise Absent(f"{shown} ended with {run.returncode}")
-            self.done[shown] = json.loads(run.stdout if read is None else pathlib.Path(read).read_text())
+            try:
+                run = subprocess.run([self.program, *arguments], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+                self.done[shown] = json.loads(run.stdout if read is None else pathlib.Path(read).read_text())
+            except OSError as error:
+                raise Absent(f"{shown}: {error}") from error
+            except json.JSONDecodeError as error:
+                raise Absent(f"{shown} ended with {run.returncode} and no result") from error
             print(f"    {time.monotonic() - start:.0f} s", file=sys.stderr, flush=True)
         return self.done[shown]
 
@@ -454,7 +459,7 @@ def main():
     parser.add_argument("--check", action="store_true", help="check the tables in the documentation; measures nothing")
     parser.add_argument("--write", action="store_true", help="replace them in the documentation; needs a committed tree")
     parser.add_argument("--lookout", metavar="FILE", help="the program [default: built from this tree]")
-    parser.add_argument("--data", type=pathlib.Path, default=pathlib.Path("../shared/data"), help="folder of the recorded data [default: ../shared/data]")
+    parser.add_argument("--data", type=pathlib.Path, default=ROOT.parent / "shared/data", help="folder of the recorded data [default: shared/data beside the checkout]")
     arguments = parser.parse_args()
 
     pages = {name: page.relative_to(ROOT) for page, name, _ in blocks()}
@@ -479,7 +484,7 @@ def main():
     if program is None:
         subprocess.run(["cargo", "build", "--release", "--locked"], cwd=ROOT, check=True)
         program = ROOT / "target/release/lookout"
-    lookout = Lookout(pathlib.Path(program).resolve(), arguments.data)
+    lookout = Lookout(pathlib.Path(program).resolve(), arguments.data.resolve())
     failed = 0
     for name in names:
         print(f"{name}:", file=sys.stderr, flush=True)

@@ -38,10 +38,10 @@ impl BoardSensors {
         Reading { chip_c: hottest.max_by(f64::total_cmp), rails_w: self.power.read_w() }
     }
 
-    /// Reads until `stop`, at least once.
-    fn watch(&self, stop: &AtomicBool) -> Vec<Reading> {
+    /// Reads twice a second until `ended`, at least once.
+    fn watch(&self, ended: impl Fn() -> bool) -> Vec<Reading> {
         let mut readings = vec![self.read()];
-        while !stop.load(Ordering::Relaxed) {
+        while !ended() {
             std::thread::sleep(SAMPLE_PERIOD);
             readings.push(self.read());
         }
@@ -83,7 +83,8 @@ pub fn run(
     let minutes = args.minutes.unwrap_or(MINUTES);
     let stopped = || CommandError::Other("stopped by a signal: no table".into());
     eprintln!("standby, {minutes} min");
-    let standby = standby(sensors, time(minutes), stop);
+    let start = Instant::now();
+    let standby = sensors.watch(|| start.elapsed() >= time(minutes) || stop.load(Ordering::Relaxed));
     if stop.load(Ordering::Relaxed) {
         return Err(stopped());
     }
@@ -99,7 +100,7 @@ pub fn run(
     };
     let ended = AtomicBool::new(false);
     let (soaked, loaded) = std::thread::scope(|scope| {
-        let watch = scope.spawn(|| sensors.watch(&ended));
+        let watch = scope.spawn(|| sensors.watch(|| ended.load(Ordering::Relaxed)));
         let soaked = soak::run(&config, &plan, stop, &mut |p| eprintln!("{}", line(p)));
         ended.store(true, Ordering::Relaxed);
         (soaked, watch.join().unwrap_or_default())
@@ -143,14 +144,4 @@ fn runs_so_far(file: &Path) -> Result<Vec<AmbientRun>, CommandError> {
         let remedy = "it has the runs so far: mend or move it, or give another folder with --out";
         CommandError::Other(format!("{}: {error}: {remedy}", file.display()))
     })
-}
-
-fn standby(sensors: &BoardSensors, time: Duration, stop: &AtomicBool) -> Vec<Reading> {
-    let start = Instant::now();
-    let mut readings = vec![sensors.read()];
-    while start.elapsed() < time && !stop.load(Ordering::Relaxed) {
-        std::thread::sleep(SAMPLE_PERIOD.min(time));
-        readings.push(sensors.read());
-    }
-    readings
 }

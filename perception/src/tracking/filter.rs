@@ -130,11 +130,11 @@ impl ConstantVelocityFilter {
         self.cusum = CUSUM_DECAY * self.cusum + bounded;
     }
 
-    /// Measures a speed of 0 with this standard deviation, in m/s. Where the state contradicts that by more than outliers do, its speed
+    /// Measures the speed with this standard deviation, in m/s. Where the state contradicts that by more than outliers do, its speed
     /// was wrong, and its variance grows by the square of the error first.
-    fn zero_velocity_update(&mut self, sigma: f64) {
+    fn measure_speed(&mut self, speed: f64, sigma: f64) {
         let noise = sigma * sigma;
-        let innovation = -self.speed;
+        let innovation = speed - self.speed;
         if innovation * innovation > OUTLIER_SIGMAS * OUTLIER_SIGMAS * (self.p[2] + noise) {
             self.p[2] += innovation * innovation;
         }
@@ -334,6 +334,12 @@ impl LateralFilter {
     /// Updates the state with a measurement and its standard deviation, in metres.
     pub fn update(&mut self, lateral_m: f64, sigma_m: f64) {
         self.filter.update(lateral_m, sigma_m);
+        self.filter.speed = self.filter.speed.clamp(-MAX_SPEED_M_S, MAX_SPEED_M_S);
+    }
+
+    /// Measures the speed, with its standard deviation, in m/s.
+    pub(super) fn measure_speed(&mut self, speed_m_s: f64, sigma_m_s: f64) {
+        self.filter.measure_speed(speed_m_s, sigma_m_s);
         self.filter.speed = self.filter.speed.clamp(-MAX_SPEED_M_S, MAX_SPEED_M_S);
     }
 

@@ -1,7 +1,7 @@
 //! Obstacle tracking over frames: the one place that decides what exists.
 //!
 //! Input ([`Frame`]): the sightings of each frame ([`Region`]s with their evidence) with its time in nanoseconds, the vehicle's
-//! own motion, and a look at both pictures; optionally image crops for scale change ([`scale_change`]). Output: [`Track`]s,
+//! own motion, and a look at both pictures; optionally image crops for image motion ([`image_motion`]). Output: [`Track`]s,
 //! each with its probability of existence ([`existence`]), its size ([`extent`]), distance (m), closing speed (m/s), time to
 //! collision (s) and lateral motion (m, m/s) with standard deviations; [`Track::state`] has them as plain numbers.
 //!
@@ -22,8 +22,9 @@ pub mod detection_rate;
 pub mod existence;
 pub mod extent;
 pub mod filter;
+pub mod image_motion;
 pub mod parameters;
-pub mod scale_change;
+mod registration;
 mod static_points;
 mod track;
 mod visibility;
@@ -99,6 +100,10 @@ pub struct Tracker {
     body: Body,
     /// What the own motion adds in this frame; `None` while it is unknown, and the speeds of all tracks are relative.
     own: Option<OwnRates>,
+    /// Displacement of the camera since the frame before, likewise.
+    own_step: Option<PlanarStep>,
+    /// Time since the frame before, in ns.
+    elapsed_ns: u64,
     rate: DetectionRate,
 }
 
@@ -121,6 +126,8 @@ impl Tracker {
             dropped: 0,
             body: Body::default(),
             own: None,
+            own_step: None,
+            elapsed_ns: 0,
             rate: DetectionRate::default(),
         }
     }
@@ -152,7 +159,7 @@ impl Tracker {
         self.dropped
     }
 
-    /// Drops and counts the tracks whose numbers mean nothing. [`Self::follow`] and [`Self::measure_scale_change`] end with
+    /// Drops and counts the tracks whose numbers mean nothing. [`Self::follow`] and [`Self::measure_image_motion`] end with
     /// it.
     fn drop_implausible(&mut self) {
         let before = self.tracks.len();
@@ -177,6 +184,7 @@ impl Tracker {
             self.rate = DetectionRate::default();
         }
         let elapsed_s = step.elapsed_s();
+        self.elapsed_ns = (elapsed_s * 1e9).round() as u64;
         let sightings = &frame.sightings[..frame.sightings.len().min(MAX_SIGHTINGS)];
         self.predict(elapsed_s, frame.motion);
         self.rate.age(elapsed_s);
@@ -195,12 +203,10 @@ impl Tracker {
     fn predict(&mut self, elapsed_s: f64, motion: Option<Motion>) {
         let motion = motion.filter(Motion::is_finite);
         self.own = motion.map(|m| OwnRates::of(&m, &self.body));
-        match self.own.zip(motion) {
+        self.own_step = motion.map(|m| PlanarStep::of(&m, &self.body, elapsed_s));
+        match self.own.zip(self.own_step) {
             None => self.predict_relative(elapsed_s),
-            Some((rates, motion)) => {
-                let step = PlanarStep::of(&motion, &self.body, elapsed_s);
-                self.predict_over_ground(elapsed_s, &rates, &step);
-            }
+            Some((rates, step)) => self.predict_over_ground(elapsed_s, &rates, &step),
         }
         // What has passed the camera cannot be detected again, while its disparity would match everything near.
         self.tracks.retain(|track| track.distance_m() > MIN_DISTANCE_M);

@@ -31,6 +31,9 @@ pub(super) type Cameras = (Rig, (u32, u32));
 pub struct Track {
     /// Identifier, unique during the life of the tracker, starting at 1.
     pub id: u32,
+    /// Number with which what is known of it began: not that of another track that follows the same thing and whose number it takes
+    /// on.
+    pub origin: u32,
     /// Probability that it exists.
     pub existence: Existence,
     /// Whether it counts as an obstacle.
@@ -78,6 +81,7 @@ impl Track {
         let cut = CutSides::of(region, size);
         let mut track = Self {
             id,
+            origin: id,
             existence: Existence::new(region.evidence),
             is_confirmed: false,
             bounds: region.bounds,

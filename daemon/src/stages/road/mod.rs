@@ -30,7 +30,7 @@ use perception::rig::Rig;
 use perception::road::edges::Edge;
 use perception::scene::SceneDetector;
 use perception::stereo::DisparityView;
-use perception::tracking::scale_change::ScaleChangeMeter;
+use perception::tracking::image_motion::ImageMotionMeter;
 use perception::tracking::{Frame, Track, Tracker};
 
 // The message holds the arrays of the algorithm as they are.
@@ -47,7 +47,7 @@ const MIN_CROP: u32 = 32;
 pub struct RoadStage {
     detector: SceneDetector,
     tracker: Tracker,
-    scale_change: ScaleChangeMeter,
+    image_motion: ImageMotionMeter,
     /// Sequence of the first frame whose tracks have these numbers.
     tracks_since: Option<u32>,
     own_motion: OwnMotion,
@@ -80,7 +80,7 @@ impl Stage for RoadStage {
             detector,
             tracker: Tracker::new(parameters::tracker_parameters(config), format.rig(), (width, height))
                 .with_body(body(config)),
-            scale_change: ScaleChangeMeter::new(width, height),
+            image_motion: ImageMotionMeter::new(width, height),
             tracks_since: None,
             body: body(config),
             own_motion: OwnMotion::new(config.motion.odometry, format.rig(), (width, height)),
@@ -115,7 +115,7 @@ impl Stage for RoadStage {
         let sequence = frame.sequence as u32;
         if step.is_discontinuity() {
             self.detector.reset();
-            self.scale_change.reset();
+            self.image_motion.reset();
             self.tracks_since = Some(sequence);
         }
         let tracks_since = *self.tracks_since.get_or_insert(sequence);
@@ -139,7 +139,7 @@ impl Stage for RoadStage {
                 let crop = left.crop(x as usize, y as usize, width as usize, height as usize)?;
                 Some((crop, (x, y)))
             };
-            self.tracker.measure_scale_change(&mut self.scale_change, frame.source_ns, crop);
+            self.tracker.measure_image_motion(&mut self.image_motion, frame.source_ns, crop);
         }
         if let Some(check) = &mut self.texture {
             let texture = road_texture(left, scene.profile_px, &self.rig, self.path_width_m);

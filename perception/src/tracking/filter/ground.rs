@@ -98,9 +98,9 @@ impl Filters<'_> {
 
     /// Measures speeds to the right and forward of 0, with these standard deviations in m/s.
     pub fn zero_velocity_update(&mut self, [across, along]: Planar) {
-        self.lateral.filter.zero_velocity_update(across);
+        self.lateral.filter.measure_speed(0.0, across);
         let filter = &mut self.longitudinal.filter;
-        filter.zero_velocity_update(along);
+        filter.measure_speed(0.0, along);
         filter.position = filter.position.max(MIN_DISTANCE_M);
     }
 

@@ -152,7 +152,7 @@ mod tests {
             if frame % 5 == 0 {
                 let before = (since - 0.4).max(0.0);
                 let mean = (at(before) - at(since)) / 0.4;
-                let rate = crate::tracking::scale_change::ScaleRate {
+                let rate = crate::tracking::image_motion::ScaleRate {
                     per_s: mean / at(since) + 0.01 * normal(&mut random),
                     sigma_per_s: 0.012,
                     interval_s: 0.4,

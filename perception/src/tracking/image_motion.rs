@@ -40,7 +40,7 @@ const MAX_SCALE_CHANGE: f64 = 1.2;
 const MAX_AGE_NS: u64 = 900_000_000;
 /// After this many images in which it was not found, a patch is replaced.
 const MAX_FAILURES: u8 = 2;
-/// Largest difference of the expected scale from 1 at which a registration starts.
+/// Bounds of the scale at which a registration starts.
 const SCALES: (f64, f64) = (0.7, 1.6);
 
 /// Smallest standard deviation of a scale.
@@ -71,13 +71,13 @@ pub struct ScaleRate {
 
 /// Shift of an image since the frame before.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ImageShift {
+struct ImageShift {
     /// Columns of a point of the thing in the frame before and in this one, in px.
-    pub columns_px: [f64; 2],
+    columns_px: [f64; 2],
     /// Standard deviation of their difference, in px.
-    pub sigma_px: f64,
+    sigma_px: f64,
     /// Time between both frames, in seconds.
-    pub elapsed_s: f64,
+    elapsed_s: f64,
 }
 
 /// What an image tells of the motion of a thing.

@@ -1,4 +1,4 @@
-//! Every number of the tracker that somebody chose, with its unit and the reason.
+//! The numbers of the tracker that somebody chose, with unit and reason; those of image motion are in [`super::image_motion`].
 
 /// Parameters of the tracker that the configuration sets.
 #[derive(Clone, Copy, Debug, PartialEq)]

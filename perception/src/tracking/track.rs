@@ -31,8 +31,7 @@ pub(super) type Cameras = (Rig, (u32, u32));
 pub struct Track {
     /// Identifier, unique during the life of the tracker, starting at 1.
     pub id: u32,
-    /// Number with which what is known of it began: not that of another track that follows the same thing and whose number it takes
-    /// on.
+    /// Identifier with which this state began. It stays when two tracks of one thing are joined and the state gets the older `id`.
     pub origin: u32,
     /// Probability that it exists.
     pub existence: Existence,

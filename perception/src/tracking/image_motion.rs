@@ -9,7 +9,7 @@
 //! it gains, and for some frames to the same side. What is in the box does not move with its sides: a shift of a tenth of a pixel
 //! from frame to frame is 3 cm/s at 20 m and 12.5 frames a second.
 //!
-//! An image patch of a track is stored, and registered to the following images ([`super::registration`]).
+//! An image patch of a track is stored, and registered to the following images (`registration.rs`).
 
 use super::filter::DistanceFilter;
 use super::filter::ground::Movement;

@@ -124,7 +124,7 @@ fn shift(boundary: &mut Boundary, step: &PlanarStep) {
     for point in before.points() {
         let place = [point.lateral_m, point.distance_m];
         let [lateral_m, distance_m] = step.place(place);
-        let [across, along] = step.variance_m2(place);
+        let [across, _, along] = step.covariance_m2(place);
         let sigma_m = (point.sigma_m * point.sigma_m + across.max(along)).sqrt();
         if distance_m >= MIN_DISTANCE_M {
             boundary.push(BoundaryPoint { lateral_m, distance_m, sigma_m, ..*point });

@@ -62,15 +62,16 @@ impl PlanarStep {
         [self.cosine * right + self.sine * ahead, self.cosine * ahead - self.sine * right]
     }
 
-    /// Squares of cosine and sine of the yaw: how variances along the axes mix.
-    pub fn shares(&self) -> (f64, f64) {
-        (self.cosine * self.cosine, self.sine * self.sine)
+    /// Cosine and sine of the yaw.
+    pub fn turn(&self) -> (f64, f64) {
+        (self.cosine, self.sine)
     }
 
-    /// Variance that the error of the motion adds to the place of a point, in m².
-    pub fn variance_m2(&self, [right, ahead]: Planar) -> Planar {
+    /// Covariance that the error of the motion adds to the place of a point, in m²: right², right · ahead, ahead².
+    pub fn covariance_m2(&self, [right, ahead]: Planar) -> [f64; 3] {
         let yaw2 = self.yaw_sigma_rad * self.yaw_sigma_rad;
-        [ahead * ahead * yaw2, right * right * yaw2 + self.way_sigma_m * self.way_sigma_m]
+        let way2 = self.way_sigma_m * self.way_sigma_m;
+        [ahead * ahead * yaw2, -right * ahead * yaw2, right * right * yaw2 + way2]
     }
 }
 

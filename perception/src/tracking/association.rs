@@ -14,13 +14,13 @@ use crate::rig::Rig;
 
 /// Largest difference of the disparity, in px, at which a sighting may show a track.
 fn gate_px(track: &Track, region: &Region) -> f64 {
-    let spread = track.longitudinal.disparity_sigma_px().hypot(region.disparity_sigma_px);
-    GATE_SIGMAS * spread + GATE_PX + GATE_SHARE * track.longitudinal.disparity_px()
+    let spread = track.filter.disparity_sigma_px().hypot(region.disparity_sigma_px);
+    GATE_SIGMAS * spread + GATE_PX + GATE_SHARE * track.filter.disparity_px()
 }
 
 /// Cost of taking a sighting for that of a track, whose box is expected at `body`; `None` if that is impossible.
 pub(super) fn cost(track: &Track, body: &[f64; 4], region: &Region, min_overlap: f64) -> Option<f64> {
-    let innovation = (region.disparity_px - track.longitudinal.disparity_px()).abs();
+    let innovation = (region.disparity_px - track.filter.disparity_px()).abs();
     if innovation > gate_px(track, region) {
         return None;
     }
@@ -28,7 +28,7 @@ pub(super) fn cost(track: &Track, body: &[f64; 4], region: &Region, min_overlap:
     if overlap < min_overlap {
         return None;
     }
-    let spread = track.longitudinal.disparity_sigma_px().hypot(region.disparity_sigma_px);
+    let spread = track.filter.disparity_sigma_px().hypot(region.disparity_sigma_px);
     let sigmas = (innovation / spread.max(1e-3)).min(GATE_SIGMAS);
     let size = (region.width_m / track.extent.width_m.max(0.05)).max(0.05).ln().abs();
     Some(sigmas * sigmas + OVERLAP_COST * (1.0 - overlap) + SIZE_COST * size.min(1.0))
@@ -36,8 +36,8 @@ pub(super) fn cost(track: &Track, body: &[f64; 4], region: &Region, min_overlap:
 
 /// Log-likelihood ratio of the place of a sighting, at most 0: how well it agrees with the prediction.
 pub(super) fn agreement(track: &Track, body: &[f64; 4], region: &Region) -> f64 {
-    let spread = track.longitudinal.disparity_sigma_px().hypot(region.disparity_sigma_px);
-    let sigmas = (region.disparity_px - track.longitudinal.disparity_px()) / spread.max(1e-3);
+    let spread = track.filter.disparity_sigma_px().hypot(region.disparity_sigma_px);
+    let sigmas = (region.disparity_px - track.filter.disparity_px()) / spread.max(1e-3);
     let agreement =
         overlap(body, &region.bounds).clamp(0.05, 1.0).ln() - 0.5 * (sigmas * sigmas).min(OUTLIER_SIGMAS);
     (agreement + TYPICAL_AGREEMENT).min(0.0)
@@ -45,7 +45,7 @@ pub(super) fn agreement(track: &Track, body: &[f64; 4], region: &Region) -> f64 
 
 /// Whether a disparity, in px, is one of the thing of a track, whose body reaches back from the near side.
 fn is_in_depth(track: &Track, disparity_px: f64, gate_px: f64, rig: &Rig) -> bool {
-    let nearest_px = track.longitudinal.disparity_px() + gate_px;
+    let nearest_px = track.filter.disparity_px() + gate_px;
     let farthest_px = rig.disparity_px(track.distance_m() + BODY_LENGTH_M);
     (farthest_px..=nearest_px).contains(&disparity_px)
 }
@@ -60,12 +60,12 @@ pub(super) fn is_part(track: &Track, body: &[f64; 4], region: &Region, rig: &Rig
 /// beside it, or the whole thing of which the track follows a part.
 pub(super) fn contains(track: &Track, body: &[f64; 4], region: &Region) -> bool {
     contained_share(body, &edges_of(&region.bounds)) >= BODY_SHARE
-        && (region.disparity_px - track.longitudinal.disparity_px()).abs() <= gate_px(track, region)
+        && (region.disparity_px - track.filter.disparity_px()).abs() <= gate_px(track, region)
 }
 
 /// Whether a track follows a part of another one's thing. Both with their boxes.
 pub(super) fn is_within(part: (&Track, &[f64; 4]), whole: (&Track, &[f64; 4]), rig: &Rig) -> bool {
-    let disparity_px = part.0.longitudinal.disparity_px();
+    let disparity_px = part.0.filter.disparity_px();
     contained_share(part.1, whole.1) >= BODY_SHARE
         && is_in_depth(whole.0, disparity_px, gate_px(whole.0, &part.0.region), rig)
 }

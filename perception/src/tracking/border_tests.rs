@@ -84,10 +84,10 @@ fn a_car_that_comes_into_view_is_as_fast_as_its_front() {
             let Some(track) = drive.see(10.5 - OWN_M_S * t, [front_m, front_m + 4.0]) else { continue };
             seen += 1;
             if seen >= 4 {
-                worst = worst.max((track.lateral.speed_m_s() + 11.1).abs());
+                worst = worst.max((track.filter.speed_m_s()[0] + 11.1).abs());
                 assert!(track.movement == Movement::Moving, "seed {seed}, frame {seen}: {track:?}");
                 // The side that is seen, and the width as far as it is.
-                let side_m = track.lateral.lateral_m() - track.front_m() / 2.0;
+                let side_m = track.lateral_m() - track.front_m() / 2.0;
                 assert!((side_m - front_m).abs() < 0.5, "seed {seed}: {side_m}, {front_m}");
             }
         }

@@ -11,7 +11,7 @@
 //! A gap or a step back in time ([`crate::frame_clock`]) ends all tracks; a repeated time changes none.
 //!
 //! Sightings are assigned to tracks by minimum total cost ([`assign`]); what remains may be parts of a thing or the birth of a
-//! track. Each track has Kalman filters for distance and lateral position ([`filter`]). The paper measures distances in
+//! track. Each track has a Kalman filter of its place and speed ([`filter`]). The paper measures distances in
 //! single frames (section 4.3); tracking extends that.
 
 pub mod assign;
@@ -222,13 +222,12 @@ impl Tracker {
     fn predict_relative(&mut self, elapsed_s: f64) {
         for track in &mut self.tracks {
             if track.is_over_ground {
-                track.lateral.shift(-track.shift_m());
+                track.filter.shift(-track.shift_m());
                 track.is_over_ground = false;
-                track.filters().end();
+                track.filter.end_over_ground();
                 (track.movement, track.own_sigma_m_s) = (Movement::Unknown, 0.0);
             }
-            track.longitudinal.predict(elapsed_s);
-            track.lateral.predict(elapsed_s);
+            track.filter.predict(elapsed_s);
         }
     }
 
@@ -236,12 +235,11 @@ impl Tracker {
         for track in &mut self.tracks {
             if !track.is_over_ground {
                 track.is_over_ground = true;
-                track.lateral.shift(track.shift_m());
-                track.filters().begin(rates);
+                track.filter.shift(track.shift_m());
+                track.filter.begin_over_ground(rates);
             }
-            track.filters().predict(step, rates, elapsed_s);
-            let place = [track.lateral.lateral_m(), track.longitudinal.distance_m()];
-            track.own_sigma_m_s = rates.sigma_at(place)[1];
+            track.filter.predict_over_ground(step, rates, elapsed_s);
+            track.own_sigma_m_s = rates.sigma_at(track.filter.place_m())[1];
         }
     }
 
@@ -306,11 +304,11 @@ impl Tracker {
             if let Some(own) = &self.own {
                 if let Some(sigma_m_s) = static_points::speed_sigma_m_s(&whole, points, &self.rig, elapsed_s)
                 {
-                    track.filters().zero_velocity_update(sigma_m_s);
+                    track.filter.zero_velocity_update(sigma_m_s);
                 }
                 // As the vehicle turns by an angle, it sees the sides of a thing turned by it.
                 let (before, aspect_m_s) = (track.movement, own.turning_rad_s() * track.front_m());
-                track.movement = track.filters().movement(before, aspect_m_s);
+                track.movement = track.filter.movement(before, aspect_m_s);
             }
         }
     }
@@ -348,7 +346,7 @@ impl Tracker {
         let thing = Expected {
             edges: track.body(&self.rig),
             distance_m: track.distance_m(),
-            disparity_px: track.longitudinal.disparity_px(),
+            disparity_px: track.filter.disparity_px(),
         };
         let others = self.tracks.iter().zip(&self.bodies).filter(|(other, _)| {
             other.is_confirmed && other.missed == 0 && other.distance_m() < thing.distance_m
@@ -367,7 +365,7 @@ impl Tracker {
             && edges[3] <= f64::from(self.size.1);
         is_inside.then(|| Region {
             bounds,
-            disparity_px: track.longitudinal.disparity_px(),
+            disparity_px: track.filter.disparity_px(),
             distance_m: track.distance_m(),
             ..track.region
         })
@@ -452,7 +450,7 @@ impl Tracker {
 
 /// Whether most of a thing without a sighting is outside of the area that both cameras see: it has left, and does not come back.
 fn is_outside(body: &[f64; 4], track: &Track, size: (u32, u32)) -> bool {
-    inside_share(body, track.longitudinal.disparity_px(), size) < 0.5
+    inside_share(body, track.filter.disparity_px(), size) < 0.5
 }
 
 #[cfg(test)]

@@ -100,6 +100,9 @@ pub const CUT_SIGMA_SHARE: f64 = 0.5;
 /// Standard deviation of the depth of the side that is seen where the picture cuts the other one, as a share of the width: things
 /// are about as deep as wide, their corners round, and which part of them is seen changes with the angle. 0.5 m of a car.
 pub const SIDE_DEPTH_SHARE: f64 = 0.3;
+/// Standard deviation of the depth of what is seen of a thing that the picture cuts, in metres: its side comes into view, or leaves
+/// it, part by part.
+pub const CUT_DEPTH_SIGMA_M: f64 = 0.5;
 /// A box closer to the border of the picture than this, in px, is cut by it: two strips.
 pub const BORDER_PX: f64 = 8.0;
 

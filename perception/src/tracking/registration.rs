@@ -18,6 +18,9 @@ const MAX_ITERATIONS: usize = 16;
 /// Smallest share of the points that lie in both images.
 const MIN_INSIDE: f64 = 0.85;
 
+/// A patch that is as like the image elsewhere but for this correlation is ambiguous, if that is farther away than this, in px.
+const AMBIGUITY: f64 = 0.05;
+const AMBIGUOUS_PX: f64 = 1.5;
 /// Smallest correlation of a start.
 const MIN_CORRELATION: f64 = 0.5;
 
@@ -179,10 +182,11 @@ impl ImagePatch {
     }
 
     /// Registers the patch to a reduced image from the best of these starts and of others around them, `reach` steps to each side.
-    pub fn register(
+    /// `None` also where it is nearly as like the image in another column: what repeats itself, as posts of a rail do, tells nothing.
+    pub fn register<const N: usize>(
         &self,
         image: &ReducedImage,
-        starts: impl IntoIterator<Item = Pose>,
+        starts: [Pose; N],
         reach: [i32; 2],
     ) -> Option<Registered> {
         if self.points.len() < POINTS / 2 {
@@ -190,19 +194,32 @@ impl ImagePatch {
         }
         let half_px = self.points.iter().fold(0.0_f64, |most, p| most.max(p.x.abs()));
         let step = (START_SHARE * half_px).max(START_PX);
-        let mut best = (MIN_CORRELATION, None);
-        for start in starts {
+        let mut found = starts.map(|start| (MIN_CORRELATION, start));
+        for best in &mut found {
+            let start = best.1;
             for (i, k) in (-reach[1]..=reach[1]).flat_map(|k| (-reach[0]..=reach[0]).map(move |i| (i, k))) {
                 let pose =
                     Pose { x: start.x + f64::from(i) * step, y: start.y + f64::from(k) * step, ..start };
                 if let Some(correlation) = correlation(&self.points, image, pose)
                     && correlation > best.0
                 {
-                    best = (correlation, Some(pose));
+                    *best = (correlation, pose);
                 }
             }
         }
-        best.1.and_then(|start| refine(&self.points, image, start))
+        let (most, start) = found.iter().copied().reduce(|a, b| if b.0 > a.0 { b } else { a })?;
+        if most <= MIN_CORRELATION {
+            return None;
+        }
+        let registered = refine(&self.points, image, start)?;
+        let likeness = |pose: Pose| correlation(&self.points, image, pose).unwrap_or(0.0);
+        let least = likeness(registered.pose) - AMBIGUITY;
+        let is_other = |pose: Pose| (pose.x - registered.pose.x).abs() > AMBIGUOUS_PX;
+        let others = found.iter().filter(|(value, pose)| *value > least && is_other(*pose));
+        let is_ambiguous = others
+            .filter_map(|(_, start)| refine(&self.points, image, *start))
+            .any(|other| is_other(other.pose) && likeness(other.pose) > least);
+        (!is_ambiguous).then_some(registered)
     }
 }
 
@@ -327,6 +344,33 @@ mod tests {
         let flat = vec![90; 120 * 100];
         patch.reduce(view(&flat), &mut reduced);
         assert_eq!(patch.register(&reduced, [start], [2, 1]), None, "nothing is there");
+    }
+
+    #[test]
+    fn what_repeats_itself_is_ambiguous() {
+        let (mut reduced, mut patch) = (ReducedImage::default(), ImagePatch::default());
+        // Posts every 12 px, with or without something between two of them.
+        let posts = |mark: f64| -> Vec<u8> {
+            (0..120 * 100)
+                .map(|i| {
+                    let (x, y) = (f64::from(i % 120) - 60.0, f64::from(i / 120) - 50.0);
+                    let post = 40.0 * (std::f64::consts::TAU * x / 12.0).cos() + 8.0 * (0.2 * y).sin();
+                    let far = (x / 5.0).powi(2) + (y / 6.0).powi(2);
+                    (110.0 + post + mark * (-far).exp()) as u8
+                })
+                .collect()
+        };
+        let starts = [60.0, 72.0].map(|x| Pose { x, y: 50.0, scale: 1.0 });
+        for (mark, is_found) in [(0.0, false), (90.0, true)] {
+            let image = posts(mark);
+            patch.store(Rectangle { centre: [60.0, 50.0], size: [20.0, 24.0] }, view(&image), &mut reduced);
+            patch.reduce(view(&image), &mut reduced);
+            let found = patch.register(&reduced, starts, [2, 1]);
+            assert_eq!(found.is_some(), is_found, "{mark}: {found:?}");
+            assert!(found.is_none_or(|found| (found.pose.x - 60.0).abs() < 0.06), "{found:?}");
+            // From one start there is one place.
+            assert!(patch.register(&reduced, [starts[0]], [2, 1]).is_some());
+        }
     }
 
     fn view(pixels: &[u8]) -> (GreyView<'_>, (u32, u32)) {

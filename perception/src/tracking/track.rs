@@ -2,11 +2,11 @@
 
 use super::existence::Existence;
 use super::extent::{CutSides, Extent, clip};
-use super::filter::ground::{Filters, GroundMotion, Movement};
-use super::filter::{DistanceFilter, LateralFilter, TimeToCollision};
+use super::filter::ground::{GroundMotion, Movement};
+use super::filter::{TimeToCollision, TrackFilter};
 use super::parameters::{
-    CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, CUT_SIGMA_SHARE, MIN_SIGMA_PX, NOISE_INFLATION, SIDE_DEPTH_SHARE,
-    SYSTEMATIC_PX,
+    CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, CUT_DEPTH_SIGMA_M, CUT_SIGMA_SHARE, MIN_SIGMA_PX, NOISE_INFLATION,
+    SIDE_DEPTH_SHARE, SYSTEMATIC_PX,
 };
 use crate::motion::planar::OwnRates;
 use crate::region::{PixelBox, Region};
@@ -43,10 +43,8 @@ pub struct Track {
     pub region: Region,
     /// Index of the sighting that was assigned to it in this frame; `None` if there is none.
     pub detection: Option<usize>,
-    /// Distance and closing speed.
-    pub longitudinal: DistanceFilter,
-    /// Lateral position and speed.
-    pub lateral: LateralFilter,
+    /// Place and speed.
+    pub filter: TrackFilter,
     /// Size of the thing.
     pub extent: Extent,
     /// Number of frames with a sighting.
@@ -59,6 +57,8 @@ pub struct Track {
     pub consecutive_frames: u32,
     /// Smoothed change of the measured width from frame to frame: mean absolute log ratio.
     pub width_jitter: f64,
+    /// Whether its image was found again in the last frame in which that was tried.
+    pub(super) is_followed: bool,
     /// Whether it moves over ground; unknown while the own motion is.
     pub movement: Movement,
     /// Whether its speeds are over ground.
@@ -86,11 +86,15 @@ impl Track {
             bounds: region.bounds,
             region: *region,
             detection: Some(detection),
-            longitudinal: DistanceFilter::new(scale, region.disparity_px, noise_px(region)),
-            lateral: LateralFilter::new(region.lateral_m, place_sigma_m(region, &rig, cut, 0.0)),
+            filter: TrackFilter::new(
+                scale,
+                (region.disparity_px, noise_px(region, &rig, cut)),
+                (region.lateral_m / region.distance_m, place_sigma_m(region, &rig, cut, 0.0)),
+            ),
             extent: Extent::new(region, &rig),
             consecutive_frames: 1,
             width_jitter: INITIAL_JITTER,
+            is_followed: false,
             seen: 1,
             missed: 0,
             unseen_s: 0.0,
@@ -99,8 +103,8 @@ impl Track {
             is_over_ground: rates.is_some(),
         };
         if let Some(rates) = rates {
-            track.lateral.shift(track.shift_m());
-            track.filters().start(rates);
+            track.filter.shift(track.shift_m());
+            track.filter.start_over_ground(rates);
             track.own_sigma_m_s = rates.sigma_at([region.lateral_m, region.distance_m])[1];
         }
         track
@@ -108,8 +112,8 @@ impl Track {
 
     /// Takes in a sighting, which is `detection`; the last one is `unseen_s` ago.
     pub(super) fn update(&mut self, detection: usize, region: &Region, (rig, size): Cameras) {
-        self.longitudinal.update(region.disparity_px, noise_px(region));
         let cut = CutSides::of(region, size);
+        self.filter.measure_disparity(region.disparity_px, noise_px(region, &rig, cut));
         let change = (region.width_m / self.extent.width_m.max(0.05)).max(0.05).ln().abs();
         // A box that became wider or narrower may have gained or lost a side.
         let unsure_m = if cut.any() { 0.0 } else { (region.width_m - self.extent.width_m) / 2.0 };
@@ -127,10 +131,10 @@ impl Track {
             (false, true) => (left_m + front_m / 2.0, 0.5),
             _ => ((left_m + right_m) / 2.0, 0.0),
         };
-        self.lateral.update(lateral_m, sigma_m);
+        self.filter.measure_across([lateral_m, region.distance_m], sigma_m, self.is_followed);
         let enters = self.enters(region, cut);
         self.extent.update(region, &rig, (cut, enters), self.unseen_s);
-        self.lateral.shift(outwards * (self.front_m() - front_m));
+        self.filter.shift(outwards * (self.front_m() - front_m));
         // Of what the picture cuts no width is measured, and what it was before is forgotten.
         let change = if cut.any() { INITIAL_JITTER } else { change };
         self.width_jitter += JITTER_GAIN * (change - self.width_jitter);
@@ -155,7 +159,7 @@ impl Track {
 
     /// The whole box of the thing, also outside of the picture: left, top, right, bottom, in px.
     pub(super) fn body(&self, rig: &Rig) -> [f64; 4] {
-        self.extent.edges(rig, self.lateral.lateral_m() - self.shift_m(), self.distance_m())
+        self.extent.edges(rig, self.lateral_m() - self.shift_m(), self.distance_m())
     }
 
     /// Sets the box in the picture; `false` if it is outside.
@@ -167,13 +171,18 @@ impl Track {
 
     /// Distance, in metres.
     pub fn distance_m(&self) -> f64 {
-        self.longitudinal.distance_m()
+        self.filter.distance_m()
+    }
+
+    /// Place of its middle, in metres right of the camera's axis.
+    pub fn lateral_m(&self) -> f64 {
+        self.filter.place_m()[0]
     }
 
     /// Standard deviation of the distance, in metres, with the part of the error that the filter cannot average out.
     pub fn distance_sigma_m(&self) -> f64 {
-        let systematic_m = self.distance_m() * SYSTEMATIC_PX / self.longitudinal.disparity_px();
-        self.longitudinal.distance_sigma_m().hypot(systematic_m)
+        let systematic_m = self.distance_m() * SYSTEMATIC_PX / self.filter.disparity_px();
+        self.filter.place_sigma_m()[1].hypot(systematic_m)
     }
 
     /// Width of the thing itself, in metres; that of its box while the own motion is unknown.
@@ -189,8 +198,8 @@ impl Track {
     /// Closing speed (decrease of the distance), in m/s: the own speed if it stands.
     pub fn closing_m_s(&self) -> f64 {
         match self.movement {
-            Movement::Standing => self.longitudinal.own_closing_m_s(),
-            _ => self.longitudinal.closing_m_s(),
+            Movement::Standing => self.filter.own_closing_m_s(),
+            _ => self.filter.closing_m_s(),
         }
     }
 
@@ -198,15 +207,15 @@ impl Track {
     pub fn closing_sigma_m_s(&self) -> f64 {
         match self.movement {
             Movement::Standing => self.own_sigma_m_s,
-            _ => self.longitudinal.closing_sigma_m_s(),
+            _ => self.filter.speed_sigma_m_s()[1],
         }
     }
 
     /// Time to collision at constant closing speed; `None` if the track does not approach significantly.
     pub fn time_to_collision(&self) -> Option<TimeToCollision> {
         match self.movement {
-            Movement::Standing => self.longitudinal.standing_time_to_collision(self.own_sigma_m_s),
-            _ => self.longitudinal.time_to_collision(),
+            Movement::Standing => self.filter.standing_time_to_collision(self.own_sigma_m_s),
+            _ => self.filter.time_to_collision(),
         }
     }
 
@@ -216,11 +225,10 @@ impl Track {
             return None;
         }
         let stands = self.movement == Movement::Standing;
-        let speed_m_s = [self.lateral.speed_m_s(), self.longitudinal.speed_m_s()];
         Some(GroundMotion {
-            speed_m_s: if stands { [0.0; 2] } else { speed_m_s },
-            speed_sigma_m_s: [self.lateral.speed_sigma_m_s(), self.longitudinal.closing_sigma_m_s()],
-            place_sigma_m: [self.lateral.lateral_sigma_m(), self.longitudinal.distance_sigma_m()],
+            speed_m_s: if stands { [0.0; 2] } else { self.filter.speed_m_s() },
+            speed_sigma_m_s: self.filter.speed_sigma_m_s(),
+            place_sigma_m: self.filter.place_sigma_m(),
             movement: self.movement,
         })
     }
@@ -240,9 +248,9 @@ impl Track {
             bounds: self.bounds,
             distance_m: self.distance_m(),
             distance_sigma_m: self.distance_sigma_m(),
-            lateral_m: self.lateral.lateral_m(),
-            lateral_speed_m_s: self.lateral.speed_m_s(),
-            lateral_speed_sigma_m_s: self.lateral.speed_sigma_m_s(),
+            lateral_m: self.lateral_m(),
+            lateral_speed_m_s: self.filter.speed_m_s()[0],
+            lateral_speed_sigma_m_s: self.filter.speed_sigma_m_s()[0],
             width_m: self.front_m(),
             height_m: self.extent.height_m,
             closing_m_s: self.closing_m_s(),
@@ -252,11 +260,6 @@ impl Track {
         }
     }
 
-    /// Its filters.
-    pub(super) fn filters(&mut self) -> Filters<'_> {
-        Filters { longitudinal: &mut self.longitudinal, lateral: &mut self.lateral }
-    }
-
     /// Whether it probably exists and was seen some times, so that it tells how often what is there is seen.
     pub(super) fn is_known(&self) -> bool {
         self.seen >= 3 && self.existence.is_probable()
@@ -264,25 +267,16 @@ impl Track {
 
     /// Whether all its numbers mean something: finite, and within what a stereo camera can measure.
     pub(super) fn is_plausible(&self) -> bool {
-        let (longitudinal, lateral) = (&self.longitudinal, &self.lateral);
-        let lengths_m = [
-            longitudinal.distance_m(),
-            longitudinal.distance_sigma_m(),
-            lateral.lateral_m(),
-            self.extent.width_m,
-            self.extent.height_m,
-            self.region.height_m,
-        ];
-        let speeds_m_s = [
-            longitudinal.closing_m_s(),
-            longitudinal.closing_sigma_m_s(),
-            lateral.speed_m_s(),
-            lateral.speed_sigma_m_s(),
-        ];
+        let ([lateral_m, distance_m], [lateral_sigma_m, distance_sigma_m]) =
+            (self.filter.place_m(), self.filter.place_sigma_m());
+        let sizes_m = [self.extent.width_m, self.extent.height_m, self.region.height_m];
+        let places_m = [lateral_m, distance_m, lateral_sigma_m, distance_sigma_m];
+        let (speed, rate, sigma) =
+            (self.filter.speed_m_s(), self.filter.rate(), self.filter.speed_sigma_m_s());
         // A comparison with NaN is false.
-        lengths_m.iter().all(|m| m.abs() <= MAX_LENGTH_M)
-            && speeds_m_s.iter().all(|v| v.abs() <= MAX_SPEED_M_S)
-            && longitudinal.distance_m() > 0.0
+        sizes_m.iter().chain(&places_m).all(|m| m.abs() <= MAX_LENGTH_M)
+            && [speed, rate, sigma].as_flattened().iter().all(|v| v.abs() <= MAX_SPEED_M_S)
+            && distance_m > 0.0
             && self.width_jitter.is_finite()
             && self.existence.probability().is_finite()
     }
@@ -333,9 +327,12 @@ pub struct Obstacle {
     pub ground: Option<GroundMotion>,
 }
 
-/// Standard deviation of a region's disparity for the filter, in px.
-fn noise_px(region: &Region) -> f64 {
-    NOISE_INFLATION * region.disparity_sigma_px.max(MIN_SIGMA_PX)
+/// Standard deviation of a region's disparity for the filter, in px. What is cut by the picture shows another part of its side in each
+/// frame.
+fn noise_px(region: &Region, rig: &Rig, cut: CutSides) -> f64 {
+    let noise_px = NOISE_INFLATION * region.disparity_sigma_px.max(MIN_SIGMA_PX);
+    let depth_m = if cut.any() { CUT_DEPTH_SIGMA_M } else { 0.0 };
+    noise_px.hypot(region.disparity_px * depth_m / rig.distance_m(region.disparity_px))
 }
 
 /// Standard deviation of the place that a box tells, in metres: of its middle, or, where the picture cuts one side, of the other

@@ -1,15 +1,16 @@
-//! The filters of one obstacle in axes that turn with the camera, with speeds over ground.
+//! The filter of one obstacle in axes that turn with the camera, with speeds over ground.
 //!
 //! Input: the displacement of the camera since the last frame and the rates that its motion adds
 //! ([`crate::motion::planar`]). A standing thing then has no speed, whatever the vehicle does, and whether a thing moves
 //! can be tested ([`Movement`]). What is known to stand closes with the own speed, which is known better than that of any
 //! thing: its time to collision is that of the state under the condition that it stands.
 
-use super::{ConstantVelocityFilter, DistanceFilter, LateralFilter, MIN_DISTANCE_M, TimeToCollision};
+use super::{Covariance, TrackFilter, VX, VZ, X, Z};
 use crate::motion::planar::{OwnRates, Planar, PlanarStep};
 use crate::tracking::parameters::{
     MAX_STANDING_SIGMA_M_S, MAX_STANDING_SIGMA_SHARE, MOVING_CHI2, STANDING_CHI2, STANDING_SPEED_M_S,
 };
+use nalgebra::Matrix2;
 
 /// Whether an obstacle moves over ground.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,112 +38,70 @@ pub struct GroundMotion {
     pub movement: Movement,
 }
 
-impl ConstantVelocityFilter {
-    /// Makes the speed one over ground; `own` is the rate of a standing point with its standard deviation.
-    fn begin_over_ground(&mut self, own_rate: f64, own_sigma: f64) {
-        self.speed -= own_rate;
-        self.own_rate = own_rate;
-        self.p[2] += own_sigma * own_sigma;
-    }
-
-    /// Makes the speed one relative to the camera.
-    fn end_over_ground(&mut self) {
-        (self.speed, self.own_rate) = (self.rate(), 0.0);
-    }
-}
-
-impl DistanceFilter {
-    /// Closing speed of a standing thing at this place, in m/s; 0 while the own motion is unknown.
-    pub fn own_closing_m_s(&self) -> f64 {
-        -self.filter.own_rate
-    }
-
-    /// Time to collision under the condition that the speed over ground is 0. The thing closes with the own speed, whose
-    /// standard deviation is `own_sigma_m_s`; `None` if that is not significant (two standard deviations).
-    pub fn standing_time_to_collision(&self, own_sigma_m_s: f64) -> Option<TimeToCollision> {
-        let [a, b, c] = self.filter.p;
-        let closing = self.own_closing_m_s();
-        if closing <= 2.0 * own_sigma_m_s {
-            return None;
-        }
-        let distance = (self.filter.position - b / c * self.filter.speed).max(MIN_DISTANCE_M);
-        let seconds = distance / closing;
-        let variance = (a - b * b / c).max(0.0) + (seconds * own_sigma_m_s).powi(2);
-        Some(TimeToCollision { seconds, sigma_s: variance.sqrt() / closing })
-    }
-}
-
-/// Distance and lateral position of one obstacle.
-pub struct Filters<'a> {
-    /// Distance and speed along the axis.
-    pub longitudinal: &'a mut DistanceFilter,
-    /// Lateral position and speed.
-    pub lateral: &'a mut LateralFilter,
-}
-
-impl Filters<'_> {
+impl TrackFilter {
     /// The speeds of a new obstacle, of which nothing is known, are those over ground: it may stand.
-    pub fn start(&mut self, rates: &OwnRates) {
-        let (x, z) = (&mut self.lateral.filter, &mut self.longitudinal.filter);
-        [x.own_rate, z.own_rate] = rates.at([x.position, z.position]);
+    pub fn start_over_ground(&mut self, rates: &OwnRates) {
+        self.own_rate = rates.at(self.place_m());
     }
 
     /// Makes speeds relative to the camera those over ground.
-    pub fn begin(&mut self, rates: &OwnRates) {
-        let (x, z) = (&mut self.lateral.filter, &mut self.longitudinal.filter);
-        let place = [x.position, z.position];
-        let (own, sigma) = (rates.at(place), rates.sigma_at(place));
-        x.begin_over_ground(own[0], sigma[0]);
-        z.begin_over_ground(own[1], sigma[1]);
-    }
-
-    /// Measures speeds to the right and forward of 0, with these standard deviations in m/s.
-    pub fn zero_velocity_update(&mut self, [across, along]: Planar) {
-        self.lateral.filter.measure_speed(0.0, across);
-        let filter = &mut self.longitudinal.filter;
-        filter.measure_speed(0.0, along);
-        filter.position = filter.position.max(MIN_DISTANCE_M);
+    pub fn begin_over_ground(&mut self, rates: &OwnRates) {
+        self.own_rate = rates.at(self.place_m());
+        let sigmas = rates.sigma_at(self.place_m());
+        for (i, speed) in [VX, VZ].into_iter().enumerate() {
+            self.state[speed] -= self.own_rate[i];
+            self.p[(speed, speed)] += sigmas[i] * sigmas[i];
+        }
     }
 
     /// Makes speeds over ground those relative to the camera.
-    pub fn end(&mut self) {
-        self.longitudinal.filter.end_over_ground();
-        self.lateral.filter.end_over_ground();
+    pub fn end_over_ground(&mut self) {
+        let [across, along] = self.rate();
+        (self.state[VX], self.state[VZ]) = (across, along);
+        self.own_rate = [0.0; 2];
     }
 
-    /// Predicts the place after `elapsed_s` seconds in which the camera moves by `step`. The speeds are over ground. Both
-    /// axes mix, as they turn; the correlation that comes of it, small at the angle of one step, is left out.
-    pub fn predict(&mut self, step: &PlanarStep, rates: &OwnRates, elapsed_s: f64) {
-        let (noise, lateral_noise) = (self.longitudinal.process_noise(), self.lateral.process_noise());
-        let (x, z) = (&mut self.lateral.filter, &mut self.longitudinal.filter);
-        z.predict(elapsed_s, noise);
-        x.predict(elapsed_s, lateral_noise);
+    /// Predicts the state after `elapsed_s` seconds in which the camera moves by `step`. The speeds are over ground.
+    pub fn predict_over_ground(&mut self, step: &PlanarStep, rates: &OwnRates, elapsed_s: f64) {
+        self.advance(elapsed_s);
         // So far in the axes of the frame before.
-        let added = step.variance_m2([x.position, z.position]);
-        [x.position, z.position] = step.place([x.position, z.position]);
-        [x.speed, z.speed] = step.direction([x.speed, z.speed]);
-        let (same, other) = step.shares();
-        let (px, pz) = (x.p, z.p);
-        x.p = std::array::from_fn(|i| same * px[i] + other * pz[i]);
-        z.p = std::array::from_fn(|i| same * pz[i] + other * px[i]);
-        x.p[0] += added[0];
-        z.p[0] += added[1];
-        z.position = z.position.max(MIN_DISTANCE_M);
-        [x.own_rate, z.own_rate] = rates.at([x.position, z.position]);
+        let before = self.place_m();
+        [self.state[X], self.state[Z]] = step.place(before);
+        [self.state[VX], self.state[VZ]] = step.direction(self.speed_m_s());
+        // A yaw turns place and speed. The acceleration, which is along the axis, hardly changes with the angle of one step.
+        let (cosine, sine) = step.turn();
+        let mut turn = Covariance::identity();
+        for [right, ahead] in [[X, Z], [VX, VZ]] {
+            (turn[(right, right)], turn[(right, ahead)]) = (cosine, sine);
+            (turn[(ahead, right)], turn[(ahead, ahead)]) = (-sine, cosine);
+        }
+        self.p = turn * self.p * turn.transpose();
+        let [right, both, ahead] = step.covariance_m2(before);
+        self.p[(X, X)] += right;
+        self.p[(Z, Z)] += ahead;
+        self.p[(X, Z)] += both;
+        self.p[(Z, X)] += both;
+        self.bound();
+        self.own_rate = rates.at(self.place_m());
+    }
+
+    /// Closing speed of a standing thing at this place, in m/s; 0 while the own motion is unknown.
+    pub fn own_closing_m_s(&self) -> f64 {
+        -self.own_rate[1]
     }
 
     /// Whether the obstacle moves, with speeds over ground; `before` remains where the measurements do not tell.
     /// `aspect_m_s`: speed that a standing thing seems to have because another side of it comes into view.
     pub fn movement(&self, before: Movement, aspect_m_s: f64) -> Movement {
-        let (x, z) = (&self.lateral.filter, &self.longitudinal.filter);
-        let sigmas = [x, z].map(ConstantVelocityFilter::speed_sigma);
-        let part =
-            |speed: f64, sigma: f64| (speed / sigma.hypot(STANDING_SPEED_M_S).hypot(aspect_m_s)).powi(2);
-        let chi2 = part(x.speed, sigmas[0]) + part(z.speed, sigmas[1]);
-        let most_along = MAX_STANDING_SIGMA_M_S.max(MAX_STANDING_SIGMA_SHARE * z.own_rate.abs());
+        let speed = self.state.fixed_rows::<2>(VX);
+        let standing = STANDING_SPEED_M_S * STANDING_SPEED_M_S + aspect_m_s * aspect_m_s;
+        let covariance = self.p.fixed_view::<2, 2>(VX, VX) + Matrix2::identity() * standing;
+        let chi2 = covariance.try_inverse().map_or(0.0, |inverse| (speed.transpose() * inverse * speed).x);
+        let [across_sigma, along_sigma] = self.speed_sigma_m_s();
+        let most_along = MAX_STANDING_SIGMA_M_S.max(MAX_STANDING_SIGMA_SHARE * self.own_rate[1].abs());
         if chi2 > MOVING_CHI2 {
             Movement::Moving
-        } else if chi2 < STANDING_CHI2 && sigmas[0] < MAX_STANDING_SIGMA_M_S && sigmas[1] < most_along {
+        } else if chi2 < STANDING_CHI2 && across_sigma < MAX_STANDING_SIGMA_M_S && along_sigma < most_along {
             Movement::Standing
         } else {
             before
@@ -162,11 +121,7 @@ mod tests {
 
     /// Follows a thing that moves over ground with this velocity, from a place, while the vehicle drives a bend. Returns
     /// the filters with the speeds over ground in the axes of the camera at the end, and the true ones.
-    fn follow(
-        seed: u64,
-        from: [f64; 2],
-        velocity: [f64; 2],
-    ) -> (DistanceFilter, LateralFilter, [f64; 2], Movement) {
+    fn follow(seed: u64, from: [f64; 2], velocity: [f64; 2]) -> (TrackFilter, [f64; 2], Movement) {
         let mut random = fastrand::Rng::with_seed(seed);
         let mut normal = || (0..12).map(|_| random.f64()).sum::<f64>() - 6.0;
         let truth = Motion { speed_m_s: 8.0, yaw_rate_rad_s: 0.3, ..Motion::default() };
@@ -174,8 +129,9 @@ mod tests {
         let exact = PlanarStep::of(&truth, &body, PERIOD_S);
         let (mut place, mut velocity) = (from, velocity);
         let measure = |place: [f64; 2], noise: f64| SCALE / place[1] + 0.12 * noise;
-        let mut longitudinal = DistanceFilter::new(SCALE, measure(place, normal()), 0.12);
-        let mut lateral = LateralFilter::new(place[0] + 0.1 * normal(), 0.1);
+        let bearing = |place: [f64; 2], noise: f64| (place[0] + 0.1 * noise) / place[1];
+        let first = ((measure(place, normal()), 0.12), (bearing(place, normal()), 0.1));
+        let mut filter = TrackFilter::new(SCALE, first.0, first.1);
         let mut movement = Movement::Unknown;
         for frame in 0..20 {
             let motion = Motion {
@@ -186,18 +142,17 @@ mod tests {
                 ..truth
             };
             let (step, rates) = (PlanarStep::of(&motion, &body, PERIOD_S), OwnRates::of(&motion, &body));
-            let mut filters = Filters { longitudinal: &mut longitudinal, lateral: &mut lateral };
             if frame == 0 {
-                filters.start(&rates);
+                filter.start_over_ground(&rates);
             }
-            filters.predict(&step, &rates, PERIOD_S);
+            filter.predict_over_ground(&step, &rates, PERIOD_S);
             place = exact.place([place[0] + velocity[0] * PERIOD_S, place[1] + velocity[1] * PERIOD_S]);
             velocity = exact.direction(velocity);
-            filters.longitudinal.update(measure(place, normal()), 0.12);
-            filters.lateral.update(place[0] + 0.1 * normal(), 0.1);
-            movement = filters.movement(movement, 0.0);
+            filter.measure_disparity(measure(place, normal()), 0.12);
+            filter.measure_across([bearing(place, normal()) * place[1], place[1]], 0.1, true);
+            movement = filter.movement(movement, 0.0);
         }
-        (longitudinal, lateral, velocity, movement)
+        (filter, velocity, movement)
     }
 
     #[test]
@@ -209,10 +164,11 @@ mod tests {
         ] {
             let (mut right, mut worst) = (0, 0.0_f64);
             for seed in 0..40 {
-                let (longitudinal, lateral, truth, movement) = follow(seed, [4.0, 26.0], velocity);
-                worst = worst.max((lateral.speed_m_s() - truth[0]).abs() / lateral.speed_sigma_m_s());
-                worst = worst
-                    .max((longitudinal.speed_m_s() - truth[1]).abs() / longitudinal.filter.speed_sigma());
+                let (filter, truth, movement) = follow(seed, [4.0, 26.0], velocity);
+                let (speed, sigma) = (filter.speed_m_s(), filter.speed_sigma_m_s());
+                for axis in 0..2 {
+                    worst = worst.max((speed[axis] - truth[axis]).abs() / sigma[axis]);
+                }
                 right += i32::from(movement == expected);
             }
             println!(
@@ -224,34 +180,74 @@ mod tests {
 
     #[test]
     fn a_standing_thing_closes_with_the_own_speed() {
-        let (longitudinal, _, _, _) = follow(1, [0.0, 26.0], [0.0, 0.0]);
-        let free = longitudinal.time_to_collision().unwrap();
-        let standing = longitudinal.standing_time_to_collision(0.1).unwrap();
-        let truth = longitudinal.distance_m() / longitudinal.own_closing_m_s();
+        let (filter, _, _) = follow(1, [0.0, 26.0], [0.0, 0.0]);
+        let free = filter.time_to_collision().unwrap();
+        let standing = filter.standing_time_to_collision(0.1).unwrap();
+        let truth = filter.distance_m() / filter.own_closing_m_s();
         assert!((standing.seconds - truth).abs() < 0.1 * truth, "{standing:?} {truth}");
         assert!(standing.sigma_s < 0.5 * free.sigma_s, "{standing:?} {free:?}");
     }
 
     #[test]
     fn speeds_over_ground_and_relative_ones_are_the_same_motion() {
-        let mut longitudinal = DistanceFilter::new(SCALE, SCALE / 20.0, 0.1);
-        let mut lateral = LateralFilter::new(2.0, 0.1);
+        let mut filter = TrackFilter::new(SCALE, (SCALE / 20.0, 0.1), (0.1, 0.1));
         for frame in 1..8 {
-            longitudinal.predict(PERIOD_S);
-            longitudinal.update(SCALE / (20.0 - 0.5 * f64::from(frame)), 0.1);
-            lateral.predict(PERIOD_S);
-            lateral.update(2.0 + 0.1 * f64::from(frame), 0.1);
+            let (ahead, right) = (20.0 - 0.5 * f64::from(frame), 2.0 + 0.1 * f64::from(frame));
+            filter.predict(PERIOD_S);
+            filter.measure_disparity(SCALE / ahead, 0.1);
+            filter.measure_across([right, ahead], 0.1, true);
         }
-        let (before, closing) = (lateral.speed_m_s(), longitudinal.closing_m_s());
+        let before = filter.rate();
         let motion = Motion { speed_m_s: 9.0, yaw_rate_rad_s: 0.2, ..Motion::default() };
-        let rates = OwnRates::of(&motion, &Body::default());
-        let mut filters = Filters { longitudinal: &mut longitudinal, lateral: &mut lateral };
-        filters.begin(&rates);
-        assert!((filters.longitudinal.closing_m_s() - closing).abs() < 1e-12);
-        assert!((filters.longitudinal.speed_m_s() + closing).abs() > 1.0);
-        filters.end();
-        assert!((filters.longitudinal.closing_m_s() - closing).abs() < 1e-12);
-        assert!((filters.lateral.speed_m_s() - before).abs() < 1e-12);
-        assert_eq!(filters.longitudinal.own_closing_m_s(), 0.0);
+        filter.begin_over_ground(&OwnRates::of(&motion, &Body::default()));
+        let is_same = |rate: Planar| (rate[0] - before[0]).hypot(rate[1] - before[1]) < 1e-12;
+        assert!(is_same(filter.rate()) && (filter.speed_m_s()[1] - before[1]).abs() > 1.0);
+        filter.end_over_ground();
+        assert!(is_same(filter.rate()) && filter.own_closing_m_s() == 0.0);
+    }
+
+    /// A cyclist crosses from the right border of the picture while the vehicle drives straight on: the line of sight is oblique, the
+    /// errors of distance are those of the place across, too.
+    #[test]
+    fn what_comes_obliquely_has_one_error_along_the_line_of_sight() {
+        let motion = Motion { speed_m_s: 12.0, speed_sigma_m_s: 0.1, ..Motion::default() };
+        let body = Body::default();
+        let (step, rates) = (PlanarStep::of(&motion, &body, PERIOD_S), OwnRates::of(&motion, &body));
+        let velocity = [-5.0, 0.0];
+        let (mut nees, mut worst) = (0.0, 0.0_f64);
+        for seed in 0..40 {
+            let mut random = fastrand::Rng::with_seed(seed);
+            let mut normal = || (0..12).map(|_| random.f64()).sum::<f64>() - 6.0;
+            let mut place = [10.0, 26.0];
+            let mut measure = |place: [f64; 2]| {
+                (
+                    (SCALE / place[1] + 0.12 * normal(), 0.12),
+                    (place[0] / place[1] + 0.003 * normal(), 0.003 * place[1]),
+                )
+            };
+            let (disparity, bearing) = measure(place);
+            let mut filter = TrackFilter::new(SCALE, disparity, bearing);
+            filter.start_over_ground(&rates);
+            for _ in 0..15 {
+                filter.predict_over_ground(&step, &rates, PERIOD_S);
+                place = step.place([place[0] + velocity[0] * PERIOD_S, place[1] + velocity[1] * PERIOD_S]);
+                let (disparity, bearing) = measure(place);
+                filter.measure_disparity(disparity.0, disparity.1);
+                filter.measure_across([bearing.0 * place[1], place[1]], bearing.1, true);
+            }
+            let error = nalgebra::Vector4::new(
+                filter.state[X] - place[0],
+                filter.state[Z] - place[1],
+                filter.state[VX] - velocity[0],
+                filter.state[VZ] - velocity[1],
+            );
+            let inverse = filter.p.fixed_view::<4, 4>(X, X).into_owned().try_inverse().unwrap();
+            nees += (error.transpose() * inverse * error).x / 40.0;
+            worst = worst.max(error[2].abs());
+            // The place is known better across the line of sight than along it.
+            assert!(filter.p[(X, Z)] > 0.3 * (filter.p[(X, X)] * filter.p[(Z, Z)]).sqrt());
+        }
+        println!("a cyclist from the side: NEES {nees:.2} (4 expected), worst speed across {worst:.2} m/s");
+        assert!((1.0..7.0).contains(&nees) && worst < 1.5, "{nees} {worst}");
     }
 }

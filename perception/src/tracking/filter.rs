@@ -8,7 +8,7 @@
 //! right and forward are one state with one covariance: along an oblique line of sight the distance is known less well than
 //! the bearing, so that the errors of both axes are those of one ellipse, and the rate of the bearing tells of both speeds.
 //!
-//! While a thing manoeuvres, its acceleration along the axis is a state, too ([`manoeuvre`]).
+//! While a thing manoeuvres, its acceleration along the axis is a state, too (`manoeuvre.rs`).
 
 mod collision;
 pub mod ground;

@@ -59,10 +59,9 @@ fn slopes<const N: usize>(of: [(usize, f64); N]) -> State {
 pub struct BearingRate {
     /// Tangent of the bearing now.
     pub now: f64,
-    /// Place to the right, in metres, of what was at the same column in the frame before, at the distance that the filter tells for
-    /// then, if it stands.
+    /// Place to the right now, in metres, of a standing point at the bearing and distance of the frame before.
     pub standing_m: f64,
-    /// By how much that changes with the distance: the tangent of the bearing of what stands infinitely far away.
+    /// Derivative of that place by the distance: the tangent of the bearing before, turned by the own yaw.
     pub direction: f64,
     /// Time between both, in seconds.
     pub elapsed_s: f64,
@@ -116,7 +115,7 @@ impl TrackFilter {
         filter
     }
 
-    /// Makes the error of the place to the right that of the distance along a bearing, and of this variance in m² across it.
+    /// Sets the covariance of the place to the right: the error of the distance along this bearing, and `noise` in m² across it.
     fn tie_to_distance(&mut self, bearing: f64, noise: f64) {
         for i in 0..STATES {
             let with = bearing * self.p[(Z, i)];
@@ -226,9 +225,9 @@ impl TrackFilter {
     /// that of the place to the right at a known distance. The middle of a box is not where the near side is: it tells nothing of the
     /// distance.
     ///
-    /// `is_followed`: whether the image shows that boxes are those of one thing. Then the bearing counts, at the distance of the state.
-    /// Else they may be those of one part of a fence after the other: the bearing, at another distance each time, remains
-    /// what it was, which would mean a collision; the place to the right is that of the fence.
+    /// `is_followed`: whether the image shows that the boxes are those of one thing. Then the bearing counts, at the distance of the
+    /// state. Else each box may be that of another part of a fence: a constant bearing at a distance that seems to decrease would
+    /// then look like a collision course, while the measured place to the right is that of the fence.
     pub fn measure_across(&mut self, [right_m, forward_m]: Planar, sigma_m: f64, is_followed: bool) {
         let bearing = if is_followed { right_m / forward_m } else { 0.0 };
         let measured_m = if is_followed { bearing * self.state[Z] } else { right_m };

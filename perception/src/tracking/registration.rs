@@ -18,7 +18,8 @@ const MAX_ITERATIONS: usize = 16;
 /// Smallest share of the points that lie in both images.
 const MIN_INSIDE: f64 = 0.85;
 
-/// A patch that is as like the image elsewhere but for this correlation is ambiguous, if that is farther away than this, in px.
+/// A registration is ambiguous if another one has a correlation that is less by at most the first value, in a column that differs by
+/// more than the second, in px.
 const AMBIGUITY: f64 = 0.05;
 const AMBIGUOUS_PX: f64 = 1.5;
 /// Smallest correlation of a start.
@@ -182,7 +183,7 @@ impl ImagePatch {
     }
 
     /// Registers the patch to a reduced image from the best of these starts and of others around them, `reach` steps to each side.
-    /// `None` also where it is nearly as like the image in another column: what repeats itself, as posts of a rail do, tells nothing.
+    /// `None` also where the result is ambiguous, as with a repeating pattern such as the posts of a rail.
     pub fn register<const N: usize>(
         &self,
         image: &ReducedImage,

@@ -9,6 +9,7 @@ pub mod detection;
 pub mod disturb;
 pub mod drive;
 pub mod error_picture;
+pub mod false_alarm;
 pub mod files;
 pub mod fill;
 pub mod free_ground;

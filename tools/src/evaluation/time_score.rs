@@ -75,8 +75,13 @@ pub struct Undisturbed {
 impl Undisturbed {
     /// Number of frames whose alarm has no cause.
     pub fn false_frames(&self, hold_s: f64) -> usize {
-        let is_false = |k: &usize| self.alarms[*k] && !self.explains(*k as u64, hold_s);
-        (0..self.alarms.len().min(self.duties.len())).filter(is_false).count()
+        self.false_runs(hold_s).iter().map(ExactSizeIterator::len).sum()
+    }
+
+    /// Runs of frames whose alarm has no cause, by index.
+    pub fn false_runs(&self, hold_s: f64) -> Vec<std::ops::Range<usize>> {
+        let is_false = |k: usize| self.alarms[k] && !self.explains(k as u64, hold_s);
+        runs(&(0..self.alarms.len().min(self.duties.len())).map(is_false).collect::<Vec<_>>()).collect()
     }
 
     /// Whether an alarm at frame `index` has a cause: at that frame, shortly after it, or at most the hold time before.

@@ -1,6 +1,7 @@
 //! Detection, distance, class and road errors by weather, compared with the paper's table.
 
 use super::box_score::{BoxCounts, BoxScore};
+use super::false_alarm::FalseAlarm;
 use super::free_ground::{FreeGroundCounts, FreeGroundScore};
 use super::quantile;
 use super::scene_match::{Detection, FalsePositives, FrameMatch, is_match, road_errors};
@@ -150,6 +151,8 @@ pub struct WeatherRow {
     pub obstacles: BoxScore,
     /// Share of the frames with an alarm that has no cause.
     pub false_alarms: Option<f64>,
+    /// Each of them.
+    pub false_alarm_list: Vec<FalseAlarm>,
     /// Free space against the truly free ground.
     pub free_space: FreeGroundScore,
 }
@@ -184,7 +187,7 @@ pub struct Tally {
     merged: usize,
     regions: BoxCounts,
     obstacles: BoxCounts,
-    false_alarms: usize,
+    false_alarms: Vec<FalseAlarm>,
     free_ground: FreeGroundCounts,
     road_seen: usize,
     road_errors_m: Vec<f64>,
@@ -209,7 +212,7 @@ impl Tally {
             merged: 0,
             regions: BoxCounts::default(),
             obstacles: BoxCounts::default(),
-            false_alarms: 0,
+            false_alarms: Vec::new(),
             free_ground: FreeGroundCounts::default(),
             road_seen: 0,
             road_errors_m: Vec::new(),
@@ -249,9 +252,9 @@ impl Tally {
         }
     }
 
-    /// Adds frames with an alarm that has no cause.
-    pub fn add_false_alarms(&mut self, frames: usize) {
-        self.false_alarms += frames;
+    /// Adds alarms without a cause.
+    pub fn add_false_alarms(&mut self, found: Vec<FalseAlarm>) {
+        self.false_alarms.extend(found);
     }
 
     /// Adds the free space of a frame.
@@ -269,7 +272,7 @@ impl Tally {
         self.merged = scene + other.merged;
         self.regions.merge(&other.regions);
         self.obstacles.merge(&other.obstacles);
-        self.false_alarms += other.false_alarms;
+        self.false_alarms.extend(other.false_alarms);
         self.free_ground.merge(&other.free_ground);
         self.road_seen += other.road_seen;
         self.road_errors_m.extend(other.road_errors_m);
@@ -305,6 +308,7 @@ impl Tally {
         let per_minute = |count: usize| tidy(count as f64 * 60.0 / seconds.max(1e-9));
         let true_positives = self.distances.iter().filter(|(_, found)| found.is_some()).count();
         let evaluable = self.distances.len();
+        let false_frames: usize = self.false_alarms.iter().map(|alarm| alarm.frames).sum();
         let mut heights: Vec<f64> = self.road_errors_m.iter().map(|e| e.abs()).collect();
         WeatherRow {
             scene: self.scene.clone(),
@@ -334,7 +338,8 @@ impl Tally {
             all: self.range(0.0, f64::INFINITY),
             regions: self.regions.score(seconds),
             obstacles: self.obstacles.score(seconds),
-            false_alarms: tidy_finite(self.false_alarms as f64 / self.frames as f64),
+            false_alarms: tidy_finite(false_frames as f64 / self.frames as f64),
+            false_alarm_list: self.false_alarms.clone(),
             free_space: self.free_ground.score(),
         }
     }
@@ -489,6 +494,13 @@ impl fmt::Display for WeatherReport {
             .collect();
         if !missed.is_empty() {
             writeln!(f, "\nMissed\n{}", missed.join("\n"))?;
+        }
+        let mut false_alarms = self.rows.iter().flat_map(|row| &row.false_alarm_list).peekable();
+        if false_alarms.peek().is_some() {
+            writeln!(f, "\nFalse alarms")?;
+        }
+        for alarm in false_alarms {
+            writeln!(f, "{alarm}")?;
         }
         write!(f, "\nmethod: {}", self.method)
     }

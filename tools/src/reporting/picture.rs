@@ -82,6 +82,14 @@ impl Picture {
         [self.data[i], self.data[i + 1], self.data[i + 2]]
     }
 
+    /// Adds another one of the same width below; of another width it is left out.
+    pub fn append_below(&mut self, other: &Self) {
+        if other.width == self.width {
+            self.data.extend_from_slice(&other.data);
+            self.height += other.height;
+        }
+    }
+
     /// Blends `colour` into a pixel with weight `share` ÷ 256; ignored outside the image.
     pub fn tint(&mut self, x: usize, y: usize, colour: Colour, share: u16) {
         if x >= self.width || y >= self.height {

@@ -20,6 +20,7 @@ use sources::scene::file::Weather;
 use sources::scene::library;
 use sources::scene::texture::hash;
 use std::path::PathBuf;
+use tools::evaluation::false_alarm::false_alarms;
 use tools::evaluation::files::{prepare, write_report};
 use tools::evaluation::scene_match::{Detection, match_frame};
 use tools::evaluation::time_score::{FrameDuty, Undisturbed};
@@ -56,7 +57,9 @@ reaches beyond the nearest thing, in metres, mean over the columns of the image.
 --seeds sums the scenes of these seeds in one row: of each, 40 frames (--frames) from a place that
 the seed decides, after 12 frames that are not evaluated. Results do not depend on --threads.
 
---out writes SCENE-WEATHER.png (the frame with most evaluable objects) and evaluation.json.";
+Each alarm without a cause is listed: scene, first frame, what it said, the track. --out writes
+SCENE-WEATHER.png (the frame with most evaluable objects), SCENE-WEATHER-false-alarms.png (their first
+frames) and evaluation.json.";
 
 #[derive(Args, Debug)]
 pub struct EvaluateWeather {
@@ -95,6 +98,14 @@ const FRAMES: (u64, u64) = (200, 40);
 /// Frames before those that are evaluated with `--seeds`, so that tracks are confirmed: a second.
 const WARM_UP: u64 = 12;
 
+/// Ends of the names of a row's pictures: the frame with most evaluable objects, and the first frames of false alarms, one below the
+/// other.
+const BEST: &str = "";
+const FALSE_ALARMS: &str = "-false-alarms";
+
+/// Largest number of false alarms of a row that are drawn.
+const MAX_DRAWN: usize = 20;
+
 /// A scene in one weather: a row of the tables.
 struct Condition {
     name: String,
@@ -104,11 +115,11 @@ struct Condition {
 }
 
 impl Condition {
-    fn picture(&self) -> PathBuf {
+    fn picture(&self, of: &str) -> PathBuf {
         let plain = |c: char| if c.is_ascii_alphanumeric() || c == '-' || c == '_' { c } else { '-' };
         let name: String = self.name.chars().map(plain).collect();
         let road = self.road.map_or(String::new(), |road| format!("-{road}"));
-        format!("{}-{}{road}.png", name.trim_matches('-'), self.weather.name()).into()
+        format!("{}-{}{road}{of}.png", name.trim_matches('-'), self.weather.name()).into()
     }
 }
 
@@ -126,6 +137,8 @@ struct Part {
     tally: Tally,
     /// The frame with most evaluable objects.
     best: Option<(usize, Picture)>,
+    /// First frames of false alarms.
+    false_alarms: Vec<Picture>,
 }
 
 /// Every combination of scene, weather and, with `--ablation`, road shape; and the scenes to process for it.
@@ -194,11 +207,21 @@ fn process(
     let mut alarms = Undisturbed { period_s: run.period_s, ..Undisturbed::default() };
     // The frame with most evaluable objects, for the picture.
     let mut best: Option<(usize, Picture)> = None;
+    // The frames in which the level rose to alarm.
+    let (mut rises, mut pictures) = (Vec::new(), Vec::new());
+    let first = processed.start;
     for index in processed {
         let (truth, result) = run.frame(index)?;
         bar.inc(1);
         alarms.duties.push(FrameDuty::of(&truth, &rules));
-        alarms.alarms.push(result.record.alarm.level == "alarm" && index >= evaluated);
+        let is_alarm = result.record.alarm.level == "alarm";
+        alarms.alarms.push(is_alarm && index >= evaluated);
+        if is_alarm && result.record.alarm.changed {
+            rises.push((index, result.record.clone()));
+            if args.out.is_some() {
+                pictures.push((index, overlay::draw(result.images, &result.record)));
+            }
+        }
         if index < evaluated {
             continue;
         }
@@ -229,8 +252,11 @@ fn process(
             best = Some((due, overlay::draw(result.images, &result.record)));
         }
     }
-    tally.add_false_alarms(alarms.false_frames(rules.hold_ns as f64 * 1e-9));
-    Ok(Part { tally, best })
+    let names = (&job.scene[..], row.weather.name());
+    let found = false_alarms(names, &alarms, rules.hold_ns as f64 * 1e-9, first, &rises);
+    pictures.retain(|(rise, _)| found.iter().any(|alarm| alarm.frame == *rise));
+    tally.add_false_alarms(found);
+    Ok(Part { tally, best, false_alarms: pictures.into_iter().map(|(_, picture)| picture).collect() })
 }
 
 /// The confirmed tracks of a frame with their classes.
@@ -245,7 +271,8 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
     let config = load(&args.config, log, "evaluate", Some("warn"))?;
     let (rows, jobs) = conditions(args)?;
     if let Some(out) = &args.out {
-        prepare(out, &rows.iter().map(Condition::picture).collect::<Vec<_>>())?;
+        let pictures = rows.iter().flat_map(|row| [BEST, FALSE_ALARMS].map(|of| row.picture(of)));
+        prepare(out, &pictures.collect::<Vec<_>>())?;
     }
     let each = args.frames.unwrap_or(if args.seeds.is_some() { FRAMES.1 + WARM_UP } else { FRAMES.0 });
     let bar = progress(Some(jobs.len() as u64 * each), "frames");
@@ -264,6 +291,7 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
                 if most(&part.best) > most(&sum.best) {
                     sum.best = part.best;
                 }
+                sum.false_alarms.extend(part.false_alarms);
             }
             none => *none = Some(part),
         }
@@ -271,7 +299,12 @@ pub fn run(args: &EvaluateWeather, log: Option<&str>) -> Result<(), CommandError
     let mut report = WeatherReport { method: Method::configured(&config).name().into(), rows: Vec::new() };
     for (row, part) in rows.iter().zip(merged.into_iter().flatten()) {
         if let (Some(out), Some((_, picture))) = (&args.out, &part.best) {
-            picture.save(&out.join(row.picture()))?;
+            picture.save(&out.join(row.picture(BEST)))?;
+        }
+        let mut drawn = part.false_alarms.into_iter().take(MAX_DRAWN);
+        if let (Some(out), Some(mut picture)) = (&args.out, drawn.next()) {
+            drawn.for_each(|below| picture.append_below(&below));
+            picture.save(&out.join(row.picture(FALSE_ALARMS)))?;
         }
         report.rows.push(WeatherRow { road: row.road.map(String::from), ..part.tally.row() });
     }

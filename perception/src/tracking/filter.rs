@@ -259,8 +259,9 @@ impl TrackFilter {
         let slopes = slopes([(VX, 1.0), (VZ, -rate.direction), (Z, -by_distance)]);
         let noise = rate.sigma_m_s.powi(2) + (by_distance * rate.depth_sigma_m).powi(2);
         let innovation = across_m_s - self.state[VX];
-        self.doubt_speed(VX, innovation, self.spread(&slopes, noise));
-        self.correct(&slopes, innovation, noise);
+        // What was found may be another part of a fence, so both are doubted: the next rate decides.
+        let doubt = self.doubt_speed(VX, innovation, self.spread(&slopes, noise));
+        self.correct(&slopes, innovation, noise + doubt);
     }
 
     /// Updates the state with a rate of scale change −ż/z per second, the mean of the last `interval_s` seconds. A normalised
@@ -291,12 +292,32 @@ impl TrackFilter {
         }
     }
 
-    /// Where the state contradicts a measurement of its speed by more than outliers do, the speed was wrong, and its variance grows
-    /// by the square of the error.
-    fn doubt_speed(&mut self, speed: usize, innovation: f64, spread: f64) {
-        if innovation * innovation > OUTLIER_SIGMAS * OUTLIER_SIGMAS * spread {
-            self.p[(speed, speed)] += innovation * innovation;
+    /// Where the state contradicts a measurement of its speed by more than outliers do, the speed may be wrong, and its variance grows
+    /// by the square of the error. Returns by how much it has grown.
+    fn doubt_speed(&mut self, speed: usize, innovation: f64, spread: f64) -> f64 {
+        let squared = innovation * innovation;
+        let doubt = if squared > OUTLIER_SIGMAS * OUTLIER_SIGMAS * spread { squared } else { 0.0 };
+        self.p[(speed, speed)] += doubt;
+        doubt
+    }
+
+    /// Forgets how the errors of place and speed depend on each other, so that the next measured place changes no speed.
+    pub(super) fn separate_speed(&mut self) {
+        for (place, speed) in [X, Z].into_iter().flat_map(|place| [VX, VZ, AZ].map(|speed| (place, speed))) {
+            (self.p[(place, speed)], self.p[(speed, place)]) = (0.0, 0.0);
         }
+    }
+
+    /// Takes over speed and acceleration of another filter of the same thing; the place stays.
+    pub(super) fn take_motion(&mut self, of: &Self) {
+        // Their errors have nothing to do with those of the place.
+        self.separate_speed();
+        self.manoeuvre_s = of.manoeuvre_s;
+        for i in [VX, VZ, AZ] {
+            self.state[i] = of.state[i];
+            [VX, VZ, AZ].into_iter().for_each(|k| self.p[(i, k)] = of.p[(i, k)]);
+        }
+        self.bound();
     }
 
     /// Moves the place to the right: another point of the obstacle is followed.

@@ -29,8 +29,10 @@ const MIN_PX: (u32, u32) = (14, 10);
 
 /// Nearer than this, in metres, disparity and box are more accurate.
 const MIN_DISTANCE_M: f64 = 5.0;
-/// What stands farther to the side than this is not met, in metres.
+/// What stands farther to the side than this is not met, in metres;
 const MAX_LATERAL_M: f64 = 6.0;
+/// nor what remains there for this long, in seconds: longer ahead nothing is warned of.
+const MEETING_S: f64 = 3.0;
 
 /// Smallest time between two views whose scale is compared, in ns, unless the predicted scale change reaches the second
 /// value.
@@ -139,6 +141,15 @@ fn rectangle(track: &Track, focal_px: f64) -> Rectangle {
     }
 }
 
+/// Whether a track is beside the path and stays there until the vehicle arrives.
+fn is_aside(track: &Track) -> bool {
+    let seconds = (track.distance_m() / track.closing_m_s().max(1e-3)).min(MEETING_S);
+    let limit_m = MAX_LATERAL_M + track.extent.width_m / 2.0;
+    let (now_m, across_m_s) = (track.lateral_m(), track.filter.rate()[0]);
+    let then_m = now_m + across_m_s * seconds;
+    now_m.abs().min(then_m.abs()) > limit_m && now_m * then_m > 0.0
+}
+
 impl ImageMotionMeter {
     /// A meter for crops of images of up to `width` × `height` px.
     pub fn new(width: usize, height: usize) -> Self {
@@ -241,7 +252,7 @@ impl Tracker {
             track.is_followed = false;
             let (b, z) = (&track.bounds, track.distance_m());
             let is_large = b.width >= MIN_PX.0 && b.height >= MIN_PX.1;
-            let is_aside = track.lateral_m().abs() > MAX_LATERAL_M + track.extent.width_m / 2.0;
+            let is_aside = is_aside(track);
             let may_meet = z >= MIN_DISTANCE_M && (!is_aside || track.movement != Movement::Standing);
             if track.detection.is_some() && is_large && may_meet {
                 let rank = if is_aside { self.parameters.max_distance_m + z } else { z };
@@ -480,6 +491,23 @@ mod tests {
             // Until its growth is known, the closing speed is not, and with it what the shift means.
             assert!((speeds[5] - speed_m_s).abs() < 0.5, "{speed_m_s}: {speeds:?}");
             assert!(worst < 3.5, "{speed_m_s}: {worst}");
+        }
+    }
+
+    #[test]
+    fn what_comes_in_from_the_side_is_not_aside() {
+        let mut random = fastrand::Rng::with_seed(2);
+        for (across_m_s, expected) in [(0.0, true), (-1.2, false), (1.2, true)] {
+            let mut tracker = Tracker::new(TrackerParameters::default(), RIG, SIZE);
+            for frame in 0..=12 {
+                let lateral_m = 8.0 + across_m_s * 0.08 * frame as f64;
+                let seen = image(25.0, lateral_m, &mut random).1;
+                let exact =
+                    Region { disparity_px: RIG.disparity_px(25.0), distance_m: 25.0, lateral_m, ..seen };
+                tracker.update(frame * PERIOD_NS, &[exact]);
+            }
+            let track = &tracker.tracks()[0];
+            assert_eq!(is_aside(track), expected, "{across_m_s} m/s: {:?}", track.filter);
         }
     }
 

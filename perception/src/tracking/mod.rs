@@ -372,7 +372,7 @@ impl Tracker {
     }
 
     /// Joins tracks that follow the same thing: one without a sighting that lies within one with a sighting. The older number
-    /// remains.
+    /// remains, and the motion of the one that was seen more often: new tracks may be chains of sightings of different things.
     fn join(&mut self) {
         for body in self.bodies.iter_mut().zip(&self.tracks) {
             *body.0 = association::inside(body.1.body(&self.rig), self.size);
@@ -393,6 +393,11 @@ impl Tracker {
             let ended = whole.max(part);
             let ids = [older, ended].map(|t| self.tracks[t].id);
             let id = ids[0].min(ids[1]);
+            if self.tracks[ended].seen > self.tracks[older].seen {
+                let Track { filter, movement, .. } = self.tracks[ended];
+                self.tracks[older].filter.take_motion(&filter);
+                self.tracks[older].movement = movement;
+            }
             self.tracks[older].id = id;
             self.numbers.iter_mut().filter(|number| ids.contains(number)).for_each(|number| *number = id);
             self.tracks[ended].existence = existence::Existence::new(MIN_EVIDENCE);

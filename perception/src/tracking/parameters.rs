@@ -54,6 +54,9 @@ pub const CORRELATION_S: f64 = 0.15;
 /// Number of independent looks that are remembered. The evidence of one structure errs to the same side in each frame, so that
 /// it must not add up without limit.
 pub const MEMORY_LOOKS: f64 = 5.0;
+/// What is found again after a longer time than this, in seconds, may be another thing, so that its place tells nothing of the speed:
+/// two frames without a sighting at 12.5 frames a second.
+pub const FOUND_AGAIN_S: f64 = 0.2;
 /// Mean time for which a thing remains where it is expected while nobody can see it there, in seconds.
 pub const LEAVING_TIME_S: f64 = 4.0;
 

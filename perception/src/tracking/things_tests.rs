@@ -253,3 +253,24 @@ fn the_box_is_that_of_the_thing_clipped_at_the_border() {
     let last = tracker.tracks().first().copied();
     assert!(last.is_none_or(|track| track.extent.width_m > 1.4), "{last:?}");
 }
+
+#[test]
+fn two_tracks_of_one_thing_keep_the_motion_of_the_one_that_was_seen_more_often() {
+    let (mut tracker, time) = after_a_second(&[sighting(15.0, [-0.9, -0.35], 1.5, 4.0)], 12);
+    let known_m_s = tracker.tracks()[0].filter.speed_sigma_m_s();
+    // The rest of it comes into view and seems to approach.
+    let rest = |frame: u64| sighting(15.0 - 0.3 * frame as f64, [-0.3, 1.0], 1.5, 4.0);
+    for frame in 1..=3 {
+        let sightings = [sighting(15.0, [-0.9, -0.35], 1.5, 4.0), rest(frame)];
+        tracker.update(time + frame * 80_000_000, &sightings);
+    }
+    assert_eq!(tracker.tracks().len(), 2);
+    assert!(tracker.tracks()[1].filter.speed_sigma_m_s()[1] > 3.0 * known_m_s[1], "{:?}", tracker.tracks());
+    for frame in 4..=7 {
+        tracker.update(time + frame * 80_000_000, &[sighting(14.5, [-0.9, 1.0], 1.5, 4.0)]);
+    }
+    let tracks: Vec<&Track> = tracker.tracks().iter().filter(|track| !track.existence.is_over()).collect();
+    assert_eq!((tracks.len(), tracks[0].id), (1, 1), "{tracks:?}");
+    let sigma_m_s = tracks[0].filter.speed_sigma_m_s();
+    assert!(sigma_m_s[1] < 1.2 * known_m_s[1] && tracks[0].front_m() > 1.2, "{sigma_m_s:?} {known_m_s:?}");
+}

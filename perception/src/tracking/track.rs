@@ -5,8 +5,8 @@ use super::extent::{CutSides, Extent, clip};
 use super::filter::ground::{GroundMotion, Movement};
 use super::filter::{TimeToCollision, TrackFilter};
 use super::parameters::{
-    CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, CUT_DEPTH_SIGMA_M, CUT_SIGMA_SHARE, MIN_SIGMA_PX, NOISE_INFLATION,
-    SIDE_DEPTH_SHARE, SYSTEMATIC_PX,
+    CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, CUT_DEPTH_SIGMA_M, CUT_SIGMA_SHARE, FOUND_AGAIN_S, MIN_SIGMA_PX,
+    NOISE_INFLATION, SIDE_DEPTH_SHARE, SYSTEMATIC_PX,
 };
 use crate::motion::planar::OwnRates;
 use crate::region::{PixelBox, Region};
@@ -113,6 +113,9 @@ impl Track {
     /// Takes in a sighting, which is `detection`; the last one is `unseen_s` ago.
     pub(super) fn update(&mut self, detection: usize, region: &Region, (rig, size): Cameras) {
         let cut = CutSides::of(region, size);
+        if self.unseen_s > FOUND_AGAIN_S {
+            self.filter.separate_speed();
+        }
         self.filter.measure_disparity(region.disparity_px, noise_px(region, &rig, cut));
         let change = (region.width_m / self.extent.width_m.max(0.05)).max(0.05).ln().abs();
         // A box that became wider or narrower may have gained or lost a side.

@@ -224,3 +224,66 @@ fn boxes_along_a_fence_do_not_come_in_unless_they_are_one_thing() {
     let (fence, thing) = (speed(false), speed(true));
     assert!(fence.abs() < 0.5 && thing > 2.5, "{fence} {thing}");
 }
+
+/// The rate of the bearing of something straight ahead that moves to the right, in m/s.
+fn rate(across_m_s: f64) -> BearingRate {
+    BearingRate {
+        now: 0.0,
+        standing_m: -across_m_s * PERIOD_S,
+        direction: 0.0,
+        elapsed_s: PERIOD_S,
+        sigma_m_s: 0.3,
+        depth_sigma_m: 0.4,
+    }
+}
+
+#[test]
+fn of_a_bearing_rate_that_contradicts_the_next_one_decides() {
+    // Stands; then one rate, and another one.
+    let after = |rates: [f64; 2]| {
+        let mut filter = ahead(5.0, 0.1);
+        for _ in 0..10 {
+            filter.predict(PERIOD_S);
+            filter.measure_disparity(5.0, 0.1);
+            filter.measure_bearing_rate(&rate(0.0));
+        }
+        let speeds = rates.map(|across_m_s| {
+            filter.predict(PERIOD_S);
+            filter.measure_bearing_rate(&rate(across_m_s));
+            filter.speed_m_s()[0]
+        });
+        (speeds, filter.speed_sigma_m_s()[0])
+    };
+    let ([doubtful, wrong], _) = after([6.0, 0.0]);
+    assert!((2.0..4.0).contains(&doubtful) && wrong.abs() < 0.5, "{doubtful} {wrong}");
+    let ([_, moves], sigma) = after([6.0, 6.0]);
+    assert!((moves - 6.0).abs() < 0.5 && sigma < 0.5, "{moves} {sigma}");
+}
+
+#[test]
+fn what_is_found_again_elsewhere_has_the_speed_of_before() {
+    // Seen twice, then lost for four frames, then something is 8 m nearer and 1.5 m farther to the left.
+    let speeds_after = |is_found_again: bool| {
+        let mut filter = TrackFilter::new(SCALE, (SCALE / 50.0, 0.1), (0.1, 0.1));
+        filter.predict(PERIOD_S);
+        filter.measure_disparity(SCALE / 50.0, 0.1);
+        for _ in 0..5 {
+            filter.predict(PERIOD_S);
+        }
+        let before = filter.speed_m_s();
+        if is_found_again {
+            filter.separate_speed();
+        }
+        filter.measure_disparity(SCALE / 42.0, 0.1);
+        filter.measure_across([3.5, 42.0], 0.1, false);
+        let after = filter.speed_m_s();
+        ([after[0] - before[0], after[1] - before[1]], filter.distance_m())
+    };
+    let (changed, distance_m) = speeds_after(true);
+    assert!(
+        changed.iter().all(|v| v.abs() < 0.1) && (distance_m - 42.0).abs() < 4.0,
+        "{changed:?} {distance_m}"
+    );
+    let (changed, _) = speeds_after(false);
+    assert!(changed[0] < -1.0 && changed[1] < -4.0, "{changed:?}");
+}

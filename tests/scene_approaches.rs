@@ -40,3 +40,16 @@ fn a_stopped_car_is_warned_of_in_time_and_the_next_lane_is_not() {
         assert_eq!(silent["off_frames"], 0, "it judges all the while: {silent}");
     }
 }
+
+#[test]
+fn what_is_passed_in_bends_and_at_junctions_raises_nothing() {
+    let bench = Bench::new();
+    let scenes =
+        ["bend-parked-left", "bend-overtaking", "bend-overtaken", "bend-oncoming", "junction-parked"];
+    let report = document(&bench, &[&["evaluate", "distance"], &scenes[..], &["--json"]].concat());
+    let silent = report["silent"].as_array().expect("silent scenes");
+    assert_eq!(silent.len(), scenes.len());
+    for scene in silent {
+        assert_eq!((&scene["alarms"], &scene["warning_frames"]), (&0.into(), &0.into()), "{scene}");
+    }
+}

@@ -301,8 +301,10 @@ impl TrackFilter {
         doubt
     }
 
-    /// Forgets how the errors of place and speed depend on each other, so that the next measured place changes no speed.
+    /// Forgets how the errors of place and speed depend on each other, so that the next measured place changes no speed, and what
+    /// the places before told of a change of speed.
     pub(super) fn separate_speed(&mut self) {
+        (self.across, self.along) = Default::default();
         for (place, speed) in [X, Z].into_iter().flat_map(|place| [VX, VZ, AZ].map(|speed| (place, speed))) {
             (self.p[(place, speed)], self.p[(speed, place)]) = (0.0, 0.0);
         }

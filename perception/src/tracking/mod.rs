@@ -372,7 +372,8 @@ impl Tracker {
     }
 
     /// Joins tracks that follow the same thing: one without a sighting that lies within one with a sighting. The older number
-    /// remains, and the motion of the one that was seen more often: new tracks may be chains of sightings of different things.
+    /// remains. The motion is that of the one that was seen more often, unless it was lost or the image of the other is followed: a new
+    /// track may be a chain of sightings of different things.
     fn join(&mut self) {
         for body in self.bodies.iter_mut().zip(&self.tracks) {
             *body.0 = association::inside(body.1.body(&self.rig), self.size);
@@ -393,10 +394,11 @@ impl Tracker {
             let ended = whole.max(part);
             let ids = [older, ended].map(|t| self.tracks[t].id);
             let id = ids[0].min(ids[1]);
-            if self.tracks[ended].seen > self.tracks[older].seen {
-                let Track { filter, movement, .. } = self.tracks[ended];
-                self.tracks[older].filter.take_motion(&filter);
-                self.tracks[older].movement = movement;
+            let Track { filter, movement, seen, .. } = self.tracks[ended];
+            let (is_fresh, kept) = (!self.tracks[ended].was_lost(), &mut self.tracks[older]);
+            if seen > kept.seen && is_fresh && !kept.is_followed {
+                kept.filter.take_motion(&filter);
+                (kept.movement, kept.seen) = (movement, seen);
             }
             self.tracks[older].id = id;
             self.numbers.iter_mut().filter(|number| ids.contains(number)).for_each(|number| *number = id);

@@ -54,9 +54,6 @@ pub const CORRELATION_S: f64 = 0.15;
 /// Number of independent looks that are remembered. The evidence of one structure errs to the same side in each frame, so that
 /// it must not add up without limit.
 pub const MEMORY_LOOKS: f64 = 5.0;
-/// What is found again after a longer time than this, in seconds, may be another thing, so that its place tells nothing of the speed:
-/// two frames without a sighting at 12.5 frames a second.
-pub const FOUND_AGAIN_S: f64 = 0.2;
 /// Mean time for which a thing remains where it is expected while nobody can see it there, in seconds.
 pub const LEAVING_TIME_S: f64 = 4.0;
 
@@ -152,6 +149,9 @@ pub const MAX_BRAKING_M_S2: f64 = 9.0;
 /// 0.7 m/s (standard deviation): a walker who turns off by 30° has 0.7 m/s across, a lane change 1 m/s at its fastest, and a
 /// driver, a rider or a walker who keeps his way sways by 0.2 m/s.
 pub const WANDER_TIME_S: f64 = 1.5;
+/// What is found again after a longer time without a sighting, in seconds, may be another thing, so that its place tells nothing of
+/// the speed: two missed frames at 12.5 frames a second, or at 10.
+pub const FOUND_AGAIN_S: f64 = 0.22;
 /// Share of the CUSUM statistic that is kept from frame to frame.
 pub const CUSUM_DECAY: f64 = 0.8;
 /// CUSUM statistic above which the innovations are biased: 3.6 standard deviations of the statistic under

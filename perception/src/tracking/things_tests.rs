@@ -271,6 +271,39 @@ fn two_tracks_of_one_thing_keep_the_motion_of_the_one_that_was_seen_more_often()
     }
     let tracks: Vec<&Track> = tracker.tracks().iter().filter(|track| !track.existence.is_over()).collect();
     assert_eq!((tracks.len(), tracks[0].id), (1, 1), "{tracks:?}");
-    let sigma_m_s = tracks[0].filter.speed_sigma_m_s();
+    let (speed_m_s, sigma_m_s) = (tracks[0].filter.speed_m_s(), tracks[0].filter.speed_sigma_m_s());
+    assert!(speed_m_s[1].abs() < 1.5, "it stands: {speed_m_s:?}");
     assert!(sigma_m_s[1] < 1.2 * known_m_s[1] && tracks[0].front_m() > 1.2, "{sigma_m_s:?} {known_m_s:?}");
+}
+
+#[test]
+fn what_is_found_again_elsewhere_does_not_come_from_there() {
+    let (mut tracker, period_ns) = (tracker(), 80_000_000);
+    let far = sighting(50.0, [4.0, 6.0], 2.0, 4.0);
+    let other = sighting(43.0, [3.4, 5.4], 2.0, 4.0);
+    let mut closing_m_s = Vec::new();
+    for frame in 0..10 {
+        let seen: &[Region] = match frame {
+            0..3 => &[far],
+            3..7 => &[],
+            _ => &[other],
+        };
+        tracker.update(frame * period_ns, seen);
+        assert_eq!(tracker.tracks().len(), 1, "frame {frame}");
+        closing_m_s.push(tracker.tracks()[0].closing_m_s());
+    }
+    println!("7 m nearer after four frames out of sight: closing speed {:.1?} m/s", &closing_m_s[6..]);
+    assert!(closing_m_s[6..].iter().all(|v| v.abs() < 3.0), "{closing_m_s:?}");
+    let track = &tracker.tracks()[0];
+    assert!((track.distance_m() - 43.0).abs() < 2.0, "{track:?}");
+}
+
+#[test]
+fn a_closing_speed_is_learnt_at_four_frames_a_second() {
+    let mut tracker = tracker();
+    for frame in 0..10 {
+        tracker.update(frame * 250_000_000, &[car(30.0 - 5.0 * 0.25 * frame as f64)]);
+    }
+    let track = &tracker.tracks()[0];
+    assert!((track.closing_m_s() - 5.0).abs() < 0.5 && track.time_to_collision().is_some(), "{track:?}");
 }

@@ -113,7 +113,7 @@ impl Track {
     /// Takes in a sighting, which is `detection`; the last one is `unseen_s` ago.
     pub(super) fn update(&mut self, detection: usize, region: &Region, (rig, size): Cameras) {
         let cut = CutSides::of(region, size);
-        if self.unseen_s > FOUND_AGAIN_S {
+        if self.was_lost() {
             self.filter.separate_speed();
         }
         self.filter.measure_disparity(region.disparity_px, noise_px(region, &rig, cut));
@@ -146,6 +146,12 @@ impl Track {
         self.seen = self.seen.saturating_add(1);
         self.consecutive_frames = self.consecutive_frames.saturating_add(1);
         (self.missed, self.unseen_s) = (0, 0.0);
+    }
+
+    /// Whether it was out of sight for so long that what is found in its place may be another thing. One frame without a sighting is
+    /// not, however slow the frames are.
+    pub(super) fn was_lost(&self) -> bool {
+        self.missed > 1 && self.unseen_s > FOUND_AGAIN_S
     }
 
     /// Whether a thing that the picture cuts on one side comes into view: the side that is seen goes away from the border.

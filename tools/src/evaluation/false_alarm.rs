@@ -16,9 +16,11 @@ pub struct FalseAlarm {
     pub frame: u64,
     /// Number of frames.
     pub frames: usize,
-    /// What the alarm said in the first frame.
+    /// Frame in which the level rose to alarm: before `frame` if it had a cause and outlasted it.
+    pub rose: u64,
+    /// What the alarm said then.
     pub text: String,
-    /// The track that raised it, as it was in the first frame.
+    /// The track that raised it, as it was then.
     pub track: Option<AlarmingTrack>,
 }
 
@@ -54,8 +56,8 @@ impl AlarmingTrack {
     }
 }
 
-/// The false alarms of a scene, whose first frame in `alarms` was frame `first`; `records`: those of the frames in which the level rose
-/// to alarm, with their number.
+/// The false alarms of a scene whose first frame in `alarms` was frame `first`. `records`: of the frames in which the level rose to
+/// alarm, with their numbers.
 pub fn false_alarms(
     (scene, weather): (&str, &str),
     alarms: &Undisturbed,
@@ -66,14 +68,15 @@ pub fn false_alarms(
     let of = |run: std::ops::Range<usize>| {
         let frame = first + run.start as u64;
         // It may have risen with a cause, and have outlasted it.
-        let rise = records.iter().rev().find(|(rise, _)| *rise <= frame).map(|(_, record)| record);
+        let rise = records.iter().rev().find(|(rise, _)| *rise <= frame);
         FalseAlarm {
             scene: scene.into(),
             weather: weather.into(),
             frame,
             frames: run.len(),
-            text: rise.map_or(String::new(), |record| record.alarm.text()),
-            track: rise.and_then(AlarmingTrack::of),
+            rose: rise.map_or(frame, |(rose, _)| *rose),
+            text: rise.map_or(String::new(), |(_, record)| record.alarm.text()),
+            track: rise.and_then(|(_, record)| AlarmingTrack::of(record)),
         }
     };
     alarms.false_runs(hold_s).into_iter().map(of).collect()
@@ -82,7 +85,7 @@ pub fn false_alarms(
 /// One line.
 impl fmt::Display for FalseAlarm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { scene, weather, frame, frames, text, track } = self;
+        let Self { scene, weather, frame, frames, text, track, .. } = self;
         write!(f, "{scene} {weather}, frame {frame}, for {frames}: {text}")?;
         let Some(t) = track else { return Ok(()) };
         let side = if t.lateral_m < 0.0 { "left" } else { "right" };
@@ -129,6 +132,13 @@ mod tests {
         let line = found[0].to_string();
         assert!(line.starts_with("random?seed=3 night, frame 104, for 3: alarm raised"), "{line}");
         assert!(line.contains("12.0 m ahead, 1.3 m left"), "{line}");
-        assert_eq!(alarms.false_frames(0.5), 3);
+        // One that has a cause at first, and outlasts it.
+        let long = Undisturbed {
+            duties: (0..40).map(|k| FrameDuty { may: k == 4, must: false }).collect(),
+            alarms: (0..40).map(|k| (4..30).contains(&k)).collect(),
+            ..alarms
+        };
+        let found = false_alarms(("street", "night"), &long, 0.5, 100, &records);
+        assert_eq!((found.len(), found[0].rose, found[0].frame, found[0].frames), (1, 104, 115, 15));
     }
 }

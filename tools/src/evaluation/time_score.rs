@@ -73,11 +73,6 @@ pub struct Undisturbed {
 }
 
 impl Undisturbed {
-    /// Number of frames whose alarm has no cause.
-    pub fn false_frames(&self, hold_s: f64) -> usize {
-        self.false_runs(hold_s).iter().map(ExactSizeIterator::len).sum()
-    }
-
     /// Runs of frames whose alarm has no cause, by index.
     pub fn false_runs(&self, hold_s: f64) -> Vec<std::ops::Range<usize>> {
         let is_false = |k: usize| self.alarms[k] && !self.explains(k as u64, hold_s);

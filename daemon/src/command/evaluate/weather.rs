@@ -57,9 +57,9 @@ reaches beyond the nearest thing, in metres, mean over the columns of the image.
 --seeds sums the scenes of these seeds in one row: of each, 40 frames (--frames) from a place that
 the seed decides, after 12 frames that are not evaluated. Results do not depend on --threads.
 
-Each alarm without a cause is listed: scene, first frame, what it said, the track. --out writes
-SCENE-WEATHER.png (the frame with most evaluable objects), SCENE-WEATHER-false-alarms.png (their first
-frames) and evaluation.json.";
+Each alarm without a cause is listed: scene, first frame, what it said when it was raised, the track.
+--out writes SCENE-WEATHER.png (the frame with most evaluable objects), SCENE-WEATHER-false-alarms.png
+(the frames in which they were raised, at most 20) and evaluation.json.";
 
 #[derive(Args, Debug)]
 pub struct EvaluateWeather {
@@ -98,8 +98,8 @@ const FRAMES: (u64, u64) = (200, 40);
 /// Frames before those that are evaluated with `--seeds`, so that tracks are confirmed: a second.
 const WARM_UP: u64 = 12;
 
-/// Ends of the names of a row's pictures: the frame with most evaluable objects, and the first frames of false alarms, one below the
-/// other.
+/// Ends of the names of a row's pictures: the frame with most evaluable objects, and the frames in which false alarms were raised, one
+/// below the other.
 const BEST: &str = "";
 const FALSE_ALARMS: &str = "-false-alarms";
 
@@ -137,7 +137,7 @@ struct Part {
     tally: Tally,
     /// The frame with most evaluable objects.
     best: Option<(usize, Picture)>,
-    /// First frames of false alarms.
+    /// Frames in which false alarms were raised.
     false_alarms: Vec<Picture>,
 }
 
@@ -254,7 +254,7 @@ fn process(
     }
     let names = (&job.scene[..], row.weather.name());
     let found = false_alarms(names, &alarms, rules.hold_ns as f64 * 1e-9, first, &rises);
-    pictures.retain(|(rise, _)| found.iter().any(|alarm| alarm.frame == *rise));
+    pictures.retain(|(rise, _)| found.iter().any(|alarm| alarm.rose == *rise));
     tally.add_false_alarms(found);
     Ok(Part { tally, best, false_alarms: pictures.into_iter().map(|(_, picture)| picture).collect() })
 }

@@ -266,8 +266,9 @@ fn two_tracks_of_one_thing_keep_the_motion_of_the_one_that_was_seen_more_often()
     }
     assert_eq!(tracker.tracks().len(), 2);
     assert!(tracker.tracks()[1].filter.speed_sigma_m_s()[1] > 3.0 * known_m_s[1], "{:?}", tracker.tracks());
-    for frame in 4..=7 {
-        tracker.update(time + frame * 80_000_000, &[sighting(14.5, [-0.9, 1.0], 1.5, 4.0)]);
+    // The box grows to the whole within less than the time after which the part is lost.
+    for frame in 1..=8 {
+        tracker.update(time + 240_000_000 + frame * 20_000_000, &[sighting(14.5, [-0.9, 1.0], 1.5, 4.0)]);
     }
     let tracks: Vec<&Track> = tracker.tracks().iter().filter(|track| !track.existence.is_over()).collect();
     assert_eq!((tracks.len(), tracks[0].id), (1, 1), "{tracks:?}");

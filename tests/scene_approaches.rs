@@ -44,8 +44,14 @@ fn a_stopped_car_is_warned_of_in_time_and_the_next_lane_is_not() {
 #[test]
 fn what_is_passed_in_bends_and_at_junctions_raises_nothing() {
     let bench = Bench::new();
-    let scenes =
-        ["bend-parked-left", "bend-overtaking", "bend-overtaken", "bend-oncoming", "junction-parked"];
+    let scenes = [
+        "bend-parked",
+        "bend-parked-left",
+        "bend-overtaking",
+        "bend-overtaken",
+        "bend-oncoming",
+        "junction-parked",
+    ];
     let report = document(&bench, &[&["evaluate", "distance"], &scenes[..], &["--json"]].concat());
     let silent = report["silent"].as_array().expect("silent scenes");
     assert_eq!(silent.len(), scenes.len());

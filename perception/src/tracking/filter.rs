@@ -259,7 +259,7 @@ impl TrackFilter {
         let slopes = slopes([(VX, 1.0), (VZ, -rate.direction), (Z, -by_distance)]);
         let noise = rate.sigma_m_s.powi(2) + (by_distance * rate.depth_sigma_m).powi(2);
         let innovation = across_m_s - self.state[VX];
-        // What was found may be another part of a fence, so both are doubted: the next rate decides.
+        // Either may be wrong, as the image may be that of another part of a fence: the variances of both grow.
         let doubt = self.doubt_speed(VX, innovation, self.spread(&slopes, noise));
         self.correct(&slopes, innovation, noise + doubt);
     }

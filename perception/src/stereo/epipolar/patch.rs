@@ -7,6 +7,8 @@ pub const HALF: usize = 4;
 const SIDE: usize = 2 * HALF + 1;
 /// Columns on both sides of the expected one in which a patch is searched.
 pub const ASIDE: usize = 4;
+/// Pixels by which the refinement may leave the best integer position, and the pixel that interpolation reads beside it.
+const REFINED: usize = 2;
 /// Largest mean squared difference of a patch to its match: a share of the patch's contrast, for what neighbouring
 /// pixels of an inclined surface do, plus twice the variance of a camera's noise of 2 grey levels. With 0.08 and 3
 /// instead, three of four corners of kitti2015 were left out, and the error of the offset was twice as large.
@@ -80,7 +82,8 @@ impl Patch {
     }
 
     /// Where the patch of (x, y) is in the right image: column and row in pixels. It is searched within [`ASIDE`]
-    /// columns of `x − disparity` and `reach` rows of `y`, all of which must be in the image with their surroundings.
+    /// columns of `x − disparity` and `reach` rows of `y`; `None`, too, if these reach out of the image with their
+    /// surroundings.
     pub fn found(
         &self,
         right: GreyView<'_>,
@@ -89,6 +92,12 @@ impl Patch {
         reach: usize,
     ) -> Option<(f32, f32)> {
         let middle = (x as f32 - disparity).round() as usize;
+        let inside = |at: usize, around: usize, length: usize| {
+            at >= around + HALF + REFINED && at + around + HALF + REFINED < length
+        };
+        if !inside(middle, ASIDE, right.width()) || !inside(y, reach, right.height()) {
+            return None;
+        }
         // The best integer position; disparities are wrong as well where rows do not match.
         let (mut least, mut at) = (f32::INFINITY, (0, 0));
         for v in y - reach..=y + reach {
@@ -177,4 +186,28 @@ pub fn corner(image: GreyView<'_>, x: usize, y: usize) -> f32 {
     let [a, b, c] = [a, b, c].map(|sum| sum as f32 / 4.0);
     let root = ((a - c) * (a - c) + 4.0 * b * b).sqrt();
     0.5 * (a + c - root) / (TAKEN * TAKEN) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::GreyImage;
+
+    /// The disparity comes from shared memory, where another process may have changed it since the corner was chosen.
+    #[test]
+    fn a_disparity_that_leads_out_of_the_image_finds_nothing() {
+        let (width, height) = (64, 48);
+        let mut random = fastrand::Rng::with_seed(7);
+        let mut image = GreyImage::new(width, height);
+        image.as_mut_slice().fill_with(|| random.u8(..));
+        let patch = Patch::new(image.view(), 40, 24);
+        let (u, v) = patch.found(image.view(), (40, 24), 0.3, 3).expect("the image itself");
+        assert!((u - 40.0).abs() < 0.01 && (v - 24.0).abs() < 0.01, "{u} {v}");
+        for disparity in [40.0, 60.0, 255.0, -30.0, f32::NAN] {
+            assert_eq!(patch.found(image.view(), (40, 24), disparity, 3), None, "{disparity}");
+        }
+        for reach in [20, 24, 100] {
+            assert_eq!(patch.found(image.view(), (40, 24), 0.0, reach), None, "{reach}");
+        }
+    }
 }

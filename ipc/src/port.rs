@@ -81,11 +81,13 @@ impl Publisher {
     /// If it cannot be delivered. A dead subscriber is not an error.
     pub fn send(&self, mut loan: Loan) -> Result<(), IpcError> {
         let bytes = loan.bytes as u32;
+        let issued_ns = monotonic_ns();
+        let first_ns = self.first_ns.get().unwrap_or(issued_ns);
+        self.first_ns.set(Some(first_ns));
         let header = loan.header_mut();
         header.payload_bytes = bytes;
-        header.issued_ns = monotonic_ns();
-        header.first_ns = self.first_ns.get().unwrap_or(header.issued_ns);
-        self.first_ns.set(Some(header.first_ns));
+        header.issued_ns = issued_ns;
+        header.first_ns = first_ns;
         header.serial = self.serial.replace(self.serial.get() + 1);
         let _guard = Guard::enter(Call::Send);
         loan.sample.send().map_err(|e| IpcError::new("send", self.name, e))?;

@@ -163,7 +163,8 @@ fn for_holes(row: &mut [u16], mut hole: impl FnMut(&mut [u16], usize, usize)) {
     while let Some(start) = next_zero(row, x) {
         let end = row[start..].iter().position(|&d| d > 0).map_or(row.len(), |i| start + i);
         hole(row, start, end);
-        x = end;
+        // Past the start even if the map, which lies in shared memory, has changed since and the run seems empty.
+        x = end.max(start + 1);
         if x >= row.len() {
             break;
         }

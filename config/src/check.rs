@@ -335,10 +335,13 @@ impl Checker<'_> {
                 ),
             );
         }
-        ordered(
-            ("alarm.distance_m", c.alarm.distance_m),
-            ("regions.distance_max_m", c.regions.distance_max_m),
-        );
+        // 0 is the range of the rig.
+        if c.regions.distance_max_m > 0.0 {
+            ordered(
+                ("alarm.distance_m", c.alarm.distance_m),
+                ("regions.distance_max_m", c.regions.distance_max_m),
+            );
+        }
         ordered(("camera.skew_ms", c.camera.skew_ms), ("camera.fps: half of a period", 500.0 / c.camera.fps));
         ordered(
             ("camera.retry_first_ms", c.camera.retry_first_ms as f64),

@@ -123,7 +123,7 @@ fn pictures(config: &Config, out: &Path, outcome: &RunOutcome) -> Result<(), Com
     colour::disparity(&map, width, height, disparities as f32).save(&out.join("disparity.png"))?;
     let source = input::open(config).map_err(scheduler::RunError::from)?;
     let rig = input::rig(config, source.as_ref()).map_err(scheduler::RunError::from)?;
-    let mut detector = SceneDetector::new(scene_parameters(config), rig, width, height, disparities);
+    let mut detector = SceneDetector::new(scene_parameters(config, &rig), rig, width, height, disparities);
     // The written disparity map has no confidence.
     let certain = vec![u8::MAX; width * height];
     let view = DisparityView::new(&map, width, height).and_then(|map| DepthView::new(map, &certain));

@@ -8,6 +8,7 @@ use crate::command::error::CommandError;
 use crate::command::left_out::LeftOut;
 use crate::command::own_motion::{frames_used, join, set_recording};
 use crate::in_process::Pipeline;
+use crate::stages::road::parameters::range_m;
 use clap::Args;
 use config::Config;
 use indicatif::ProgressBar;
@@ -288,7 +289,7 @@ fn view(config: &Config, played: &Played) -> View {
         width_px: side(played.size.0),
         height_px: side(played.size.1),
         near_m: played.rig.map_or(0.0, |rig| rig.focal_px * rig.baseline_m / disparities),
-        far_m: config.regions.distance_max_m,
+        far_m: played.rig.map_or(0.0, |rig| range_m(config, &rig)),
     }
 }
 

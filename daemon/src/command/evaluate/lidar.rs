@@ -115,7 +115,7 @@ pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> 
             bar.inc(1);
             continue;
         };
-        let mut parameters = scene_parameters(&config);
+        let mut parameters = scene_parameters(&config, &rig);
         // A single picture confirms no boundary over time.
         parameters.regions.confirm = args.repeat > 1;
         let mut detector = SceneDetector::new(parameters, rig, seen.width, seen.height, disparities(&config));
@@ -124,7 +124,7 @@ pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> 
             // A single picture has no history: strong evidence decides.
             scene.regions.iter().filter(|r| r.evidence >= SINGLE_PICTURE_EVIDENCE).copied().collect()
         } else {
-            let tracker = Tracker::new(tracker_parameters(&config), rig, (seen.width, seen.height));
+            let tracker = Tracker::new(tracker_parameters(&config, &rig), rig, (seen.width, seen.height));
             confirmed(tracker, scene.regions, args.repeat)
         };
         let from = if frame.right.is_some() { Disparity::Matched } else { Disparity::DepthMap };

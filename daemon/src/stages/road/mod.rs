@@ -70,7 +70,7 @@ impl Stage for RoadStage {
         let (width, height) = (format.width, format.height);
         let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
         let detector = SceneDetector::new(
-            parameters::scene_parameters(config),
+            parameters::scene_parameters(config, &format.rig()),
             format.rig(),
             width,
             height,
@@ -78,8 +78,12 @@ impl Stage for RoadStage {
         );
         Ok(Self {
             detector,
-            tracker: Tracker::new(parameters::tracker_parameters(config), format.rig(), (width, height))
-                .with_body(body(config)),
+            tracker: Tracker::new(
+                parameters::tracker_parameters(config, &format.rig()),
+                format.rig(),
+                (width, height),
+            )
+            .with_body(body(config)),
             image_motion: ImageMotionMeter::new(width, height),
             tracks_since: None,
             body: body(config),

@@ -3,12 +3,19 @@
 use crate::stages::whole_number::whole;
 use config::Config;
 use perception::detection::RegionParameters;
+use perception::rig::Rig;
 use perception::road::{RoadParameters, Shape};
 use perception::scene::SceneParameters;
 use perception::tracking::TrackerParameters;
 
+/// Distance up to which things are detected with a rig, in metres: as configured, or by the rig.
+pub fn range_m(config: &Config, rig: &Rig) -> f64 {
+    let configured_m = config.regions.distance_max_m;
+    if configured_m > 0.0 { configured_m } else { RegionParameters::range_m(rig) }
+}
+
 /// Parameters of the road model and of the regions.
-pub fn scene_parameters(config: &Config) -> SceneParameters {
+pub fn scene_parameters(config: &Config, rig: &Rig) -> SceneParameters {
     let (c, r) = (&config.road, &config.regions);
     SceneParameters {
         road: RoadParameters {
@@ -20,7 +27,7 @@ pub fn scene_parameters(config: &Config) -> SceneParameters {
         regions: RegionParameters {
             min_height_m: r.height_min_m,
             max_height_m: r.height_max_m,
-            max_distance_m: r.distance_max_m,
+            max_distance_m: range_m(config, rig),
             min_width_m: r.width_min_m,
             depth_span_m: r.depth_span_m,
             min_pixels: whole(r.pixels_min),
@@ -32,13 +39,13 @@ pub fn scene_parameters(config: &Config) -> SceneParameters {
 }
 
 /// Parameters of the tracker.
-pub fn tracker_parameters(config: &Config) -> TrackerParameters {
+pub fn tracker_parameters(config: &Config, rig: &Rig) -> TrackerParameters {
     let c = &config.tracking;
     TrackerParameters {
         confirm_probability: c.confirm_probability,
         max_unseen_s: c.unseen_max_s,
         min_overlap: c.overlap_min,
-        max_distance_m: config.regions.distance_max_m,
+        max_distance_m: range_m(config, rig),
         max_disparity_px: config.stereo.disparities as f64,
         max_count: messages::track::MAX_TRACKS,
     }
@@ -50,7 +57,20 @@ mod tests {
 
     #[test]
     fn the_default_configuration_matches_the_defaults_of_the_algorithms() {
-        assert_eq!(scene_parameters(&Config::default()), SceneParameters::default());
-        assert_eq!(tracker_parameters(&Config::default()), TrackerParameters::default());
+        let mut config = Config::default();
+        let rig = Rig { focal_px: 900.0, baseline_m: 0.3, cx_px: 640.0, cy_px: 360.0 };
+        assert_eq!((range_m(&config, &rig), config.regions.distance_max_m), (100.0, 0.0));
+        config.regions.distance_max_m = 60.0;
+        assert_eq!(scene_parameters(&config, &rig), SceneParameters::default());
+        assert_eq!(tracker_parameters(&config, &rig), TrackerParameters::default());
+    }
+
+    #[test]
+    fn the_range_is_that_of_the_rig() {
+        let range_m = |baseline_m, focal_px| {
+            range_m(&Config::default(), &Rig { focal_px, baseline_m, cx_px: 320.0, cy_px: 240.0 })
+        };
+        assert!((range_m(0.12, 879.0) - 60.3).abs() < 0.1, "{}", range_m(0.12, 879.0));
+        assert_eq!((range_m(0.54, 721.0), range_m(0.03, 500.0)), (100.0, 20.0));
     }
 }

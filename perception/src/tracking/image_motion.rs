@@ -13,13 +13,18 @@
 
 use super::filter::BearingRate;
 use super::filter::ground::Movement;
-use super::registration::{ImagePatch, Pose, Rectangle, ReducedImage, Registered};
+use super::registration::{ImagePatch, Pose, Rectangle, ReducedImage};
 use super::{Track, Tracker};
 use crate::image::GreyView;
 use crate::region::PixelBox;
 
-/// Largest number of tracks that are measured at the same time; the nearest are selected, those that are aside last.
+/// Largest number of tracks that are measured at the same time: those that are reached first, those that are aside last.
 const MAX_TRACKS: usize = 8;
+/// What stands counts as this many times as far away.
+const STANDING_FACTOR: f64 = 2.0;
+/// Smallest closing speed by which that is judged, in m/s, and what is aside counts as this much later, in seconds.
+const MIN_CLOSING_M_S: f64 = 1.0;
+const ASIDE_S: f64 = 1000.0;
 
 /// Share of the box's width and height that is sampled; its margin shows background.
 const INNER_SHARE: f64 = 0.75;
@@ -34,8 +39,7 @@ const MAX_LATERAL_M: f64 = 6.0;
 /// nor what remains there for this long, in seconds: about the largest time to collision of a warning with default settings.
 const MEETING_S: f64 = 3.0;
 
-/// Smallest time between two views whose scale is compared, in ns, unless the predicted scale change reaches the second
-/// value.
+/// Time after which a stored image is replaced, in ns, or earlier if the predicted scale change reaches the second value.
 const INTERVAL_NS: u64 = 380_000_000;
 const MAX_SCALE_CHANGE: f64 = 1.2;
 /// Largest time between two compared views, in ns; later, illumination and aspect have changed.
@@ -57,18 +61,14 @@ const DEPTH_OFFSET_M: f64 = 0.4;
 /// is background.
 const ACROSS_SIGMA_M_S: f64 = 0.25;
 
-/// Scale rates with a larger normalised innovation are rejected.
+/// Scales with a larger normalised innovation are rejected.
 const GATE_SIGMAS: f64 = 4.0;
 
-/// Rate of scale change of an image, with its standard deviation.
+/// Scale of an image relative to the stored one.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ScaleRate {
-    /// Closing speed / distance, in 1/s: the inverse of the time to collision.
-    pub per_s: f64,
-    /// Standard deviation, in 1/s.
-    pub sigma_per_s: f64,
-    /// Time over which it is the mean, in seconds.
-    pub interval_s: f64,
+struct ImageScale {
+    scale: f64,
+    sigma: f64,
 }
 
 /// Shift of an image since the frame before.
@@ -85,8 +85,10 @@ struct ImageShift {
 /// What an image tells of the motion of a thing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct ImageMotion {
-    scale: Option<ScaleRate>,
+    scale: Option<ImageScale>,
     shift: Option<ImageShift>,
+    /// Whether the image was stored for comparison with later ones.
+    is_stored: bool,
 }
 
 /// A stored image patch of a track.
@@ -172,10 +174,9 @@ impl ImageMotionMeter {
         let is_its = |template: &Template| template.origin == view.origin && template.time_ns <= view.time_ns;
         let Some(slot) = self.templates.iter().position(is_its) else {
             // Replaces the patch that has not been requested for the longest time.
-            if let Some(slot) = (0..MAX_TRACKS).min_by_key(|&i| (self.templates[i].last_used_ns, i)) {
-                self.store(slot, view);
-            }
-            return ImageMotion::default();
+            let slot = (0..MAX_TRACKS).min_by_key(|&i| (self.templates[i].last_used_ns, i)).unwrap_or(0);
+            self.store(slot, view);
+            return ImageMotion { is_stored: true, ..ImageMotion::default() };
         };
         let template = &mut self.templates[slot];
         template.last_used_ns = view.time_ns;
@@ -200,14 +201,18 @@ impl ImageMotionMeter {
                 found = template.patch.register(&self.reduced, [Pose { x, y, scale }], [3, 3]);
             }
         }
-        let motion = ImageMotion {
-            scale: found.filter(|_| is_due).map(|found| scale_rate(&found, view, elapsed_ns)),
+        let mut motion = ImageMotion {
+            scale: found.map(|found| ImageScale {
+                scale: found.pose.scale,
+                sigma: found.scale_sigma.max(MIN_SCALE_SIGMA),
+            }),
             shift: found.filter(|_| is_followed).map(|found| ImageShift {
                 columns_px: [template.pose.x, found.pose.x],
                 // Both columns have this error.
                 sigma_px: std::f64::consts::SQRT_2 * found.column_sigma_px.max(MIN_COLUMN_SIGMA_PX),
                 elapsed_s: (view.time_ns - view.before_ns) as f64 * 1e-9,
             }),
+            is_stored: false,
         };
         match found {
             Some(found) => {
@@ -217,6 +222,7 @@ impl ImageMotionMeter {
         }
         if is_due || template.failures >= MAX_FAILURES {
             self.store(slot, view);
+            motion.is_stored = true;
         }
         motion
     }
@@ -229,14 +235,6 @@ impl ImageMotionMeter {
         (template.time_ns, template.last_used_ns) = (view.time_ns, view.time_ns);
         (template.pose, template.pose_ns, template.failures) = (Pose { x, y, scale: 1.0 }, view.time_ns, 0);
     }
-}
-
-fn scale_rate(found: &Registered, view: &View<'_>, elapsed_ns: u64) -> ScaleRate {
-    let elapsed_s = elapsed_ns as f64 * 1e-9;
-    let per_s = (found.pose.scale - 1.0) / elapsed_s;
-    let scale_sigma = found.scale_sigma.max(MIN_SCALE_SIGMA);
-    let sigma_per_s = (scale_sigma / elapsed_s).hypot(per_s * DEPTH_OFFSET_M / view.distance_m);
-    ScaleRate { per_s, sigma_per_s, interval_s: elapsed_s }
 }
 
 impl Tracker {
@@ -257,8 +255,14 @@ impl Tracker {
             let is_aside = is_aside(track);
             let may_meet = z >= MIN_DISTANCE_M && (!is_aside || track.movement != Movement::Standing);
             if track.detection.is_some() && is_large && may_meet {
-                let rank = if is_aside { self.parameters.max_distance_m + z } else { z };
-                self.order.push((rank, i as u32));
+                // What the vehicle would reach first, or what reaches it before.
+                let own_m_s = track.filter.own_closing_m_s().max(MIN_CLOSING_M_S);
+                let mut seconds = z / track.closing_m_s().max(own_m_s);
+                if track.movement == Movement::Standing {
+                    // The own motion tells as much.
+                    seconds *= STANDING_FACTOR;
+                }
+                self.order.push((if is_aside { ASIDE_S + seconds } else { seconds }, i as u32));
             }
         }
         self.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -281,8 +285,11 @@ impl Tracker {
             if let Some(rate) = bearing {
                 filter.measure_bearing_rate(&rate);
             }
-            if let Some(ScaleRate { per_s, sigma_per_s, interval_s }) = motion.scale {
-                filter.measure_scale_rate(per_s, sigma_per_s, interval_s, GATE_SIGMAS);
+            if let Some(ImageScale { scale, sigma }) = motion.scale {
+                filter.measure_scale(scale, sigma, DEPTH_OFFSET_M, GATE_SIGMAS);
+            }
+            if motion.is_stored {
+                filter.store_distance(MIN_SCALE_SIGMA);
             }
         }
         self.drop_implausible();
@@ -326,9 +333,10 @@ impl Tracker {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::motion::Motion;
     use crate::region::Region;
     use crate::rig::Rig;
-    use crate::tracking::TrackerParameters;
+    use crate::tracking::{Frame, TrackerParameters};
 
     const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 240.0 };
     const SIZE: (usize, usize) = (640, 480);
@@ -518,6 +526,42 @@ mod tests {
     }
 
     #[test]
+    fn who_comes_towards_us_is_measured_before_what_stands_nearer() {
+        let mut random = fastrand::Rng::with_seed(4);
+        let own = Motion {
+            speed_m_s: 10.0,
+            speed_sigma_m_s: 0.1,
+            yaw_rate_sigma_rad_s: 0.005,
+            ..Motion::default()
+        };
+        let mut tracker = Tracker::new(TrackerParameters::default(), RIG, SIZE);
+        let mut meter = ImageMotionMeter::new(SIZE.0, SIZE.1);
+        let mut requests = Vec::new();
+        for frame in 0..10 {
+            let seconds = frame as f64 * 0.08;
+            // Eight posts along both sides, and a car that comes with 12 m/s.
+            let mut regions: Vec<Region> = (0..8)
+                .map(|i| (26.0 + 1.5 * f64::from(i) - 10.0 * seconds, if i % 2 == 0 { -4.0 } else { 4.0 }))
+                .chain([(50.0 - 22.0 * seconds, -2.0)])
+                .map(|(z, lateral_m)| {
+                    let seen = image(z, lateral_m, &mut random).1;
+                    Region { disparity_px: RIG.disparity_px(z), distance_m: z, lateral_m, ..seen }
+                })
+                .collect();
+            regions.sort_unstable_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
+            tracker.follow(&Frame { motion: Some(own), ..Frame::new(frame * PERIOD_NS, &regions) });
+            let asked = std::cell::RefCell::new(Vec::new());
+            tracker.measure_image_motion(&mut meter, frame * PERIOD_NS, |track| {
+                asked.borrow_mut().push(track.lateral_m());
+                None
+            });
+            requests = asked.into_inner();
+        }
+        assert_eq!(requests.len(), MAX_TRACKS);
+        assert!((requests[0] + 2.0).abs() < 0.5, "{requests:?}");
+    }
+
+    #[test]
     fn a_failed_registration_changes_nothing() {
         let mut random = fastrand::Rng::with_seed(1);
         let (first, region) = image(25.0, 0.0, &mut random);
@@ -530,8 +574,9 @@ mod tests {
                 let time_ns = frame as u64 * 5 * PERIOD_NS;
                 let image = GreyView::new(pixels, SIZE.0, SIZE.1, SIZE.0).expect("valid size");
                 tracker.update(time_ns, &[region]);
-                let before = tracker.tracks()[0].filter;
+                let mut before = tracker.tracks()[0].filter;
                 tracker.measure_image_motion(&mut meter, time_ns, |_| Some((image, (0, 0))));
+                before.store_distance(MIN_SCALE_SIGMA);
                 assert_eq!(tracker.tracks()[0].filter, before, "frame {frame}");
             }
         }

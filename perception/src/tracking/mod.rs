@@ -39,7 +39,7 @@ use crate::region::Region;
 use crate::rig::Rig;
 use assign::Assignment;
 use detection_rate::DetectionRate;
-use filter::MIN_DISTANCE_M;
+use filter::estimate::MIN_DISTANCE_M;
 use filter::ground::Movement;
 pub use parameters::TrackerParameters;
 use parameters::{KEEP_PROBABILITY, MAX_EVIDENCE, UNMATCHED_COST};

@@ -138,9 +138,10 @@ pub const WANDER_NOISE: f64 = 0.6;
 pub const MANOEUVRE_TIME_S: f64 = 2.5;
 /// Standard deviation of that acceleration before it is measured, in m/s²: drivers brake with 3, in an emergency with 8.
 pub const MANOEUVRE_SIGMA_M_S2: f64 = 3.0;
-/// For how long a manoeuvre has gone on when it is found, in seconds: a car that brakes with 4 m/s² is then half a metre from
-/// where it was expected, as far as disparities and scale change tell it from noise.
-pub const MANOEUVRE_LAG_S: f64 = 0.5;
+/// An acceleration that differs from 0 by this many standard deviations is one.
+pub const MANOEUVRE_SIGMAS: f64 = 1.5;
+/// Nothing is said of the acceleration of a thing whose speed is known less well than this, in m/s.
+pub const MAX_MANOEUVRE_SPEED_SIGMA_M_S: f64 = 1.5;
 /// An acceleration that is less with its standard deviation is over, in m/s²: lifting the foot is no braking.
 pub const STEADY_M_S2: f64 = 1.5;
 /// Largest braking that is expected to go on, in m/s²: dry asphalt.

@@ -118,8 +118,10 @@ impl Track {
         }
         self.filter.measure_disparity(region.disparity_px, noise_px(region, &rig, cut));
         let change = (region.width_m / self.extent.width_m.max(0.05)).max(0.05).ln().abs();
-        // A box that became wider or narrower may have gained or lost a side.
-        let unsure_m = if cut.any() { 0.0 } else { (region.width_m - self.extent.width_m) / 2.0 };
+        // A box that became wider or narrower may have gained or lost a side; at the border of the picture it does so anyway, and the
+        // image tells whether it is one thing.
+        let is_one_thing = cut.any() && self.is_followed;
+        let unsure_m = if is_one_thing { 0.0 } else { (region.width_m - self.extent.width_m) / 2.0 };
         let sigma_m = place_sigma_m(region, &rig, cut, self.extent.width_m).hypot(unsure_m);
         let half_m = region.width_m / 2.0;
         let [left_m, right_m] = match self.is_over_ground {

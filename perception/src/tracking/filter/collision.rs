@@ -1,7 +1,7 @@
 //! Time to collision: when the distance is 0, at constant closing speed or as the obstacle goes on braking.
 
-use super::{TrackFilter, VX, VZ, Z};
-use crate::tracking::filter::MIN_DISTANCE_M;
+use super::Estimate;
+use super::estimate::{MIN_DISTANCE_M, VX, VZ, Z, slopes};
 use crate::tracking::parameters::MAX_BRAKING_M_S2;
 
 /// Seconds in which a distance is closed at this speed, which grows by `braking` m/s².
@@ -28,7 +28,7 @@ impl TimeToCollision {
     }
 }
 
-impl TrackFilter {
+impl Estimate {
     /// Seconds until the distance is 0 if it goes on braking until it stands; `None` if it does not come to that.
     pub(super) fn seconds_to_collision(&self) -> Option<f64> {
         let (z, closing, braking) = (self.state[Z], self.closing_m_s(), self.braking_m_s2());
@@ -57,7 +57,7 @@ impl TrackFilter {
             return None;
         }
         // t = z/w with w = −ż: ∂t/∂z = 1/w, ∂t/∂ż = z/w².
-        let slopes = super::slopes([(Z, 1.0 / closing), (VZ, z / (closing * closing))]);
+        let slopes = slopes([(Z, 1.0 / closing), (VZ, z / (closing * closing))]);
         Some(TimeToCollision { seconds, sigma_s: self.spread(&slopes, 0.0).max(0.0).sqrt() })
     }
 

@@ -1,32 +1,27 @@
-//! Kalman filter of one obstacle's place and speed on the ground plane.
+//! Kalman filter of one obstacle's place and speed on the ground plane, by one model of its motion.
 //!
 //! Where the vehicle's own motion is known, the speeds are over ground, along axes that turn with the camera: a standing
-//! thing has none, and what the own motion adds is known ([`ground`]). Else they are relative to the camera.
+//! thing has none, and what the own motion adds is known ([`super::ground`]). Else they are relative to the camera.
 //!
-//! What is measured are disparity, bearing, and the rates of bearing and scale; motion is uniform in metres. The state is
+//! What is measured are disparity, bearing, and the rate of the bearing and the scale; motion is uniform in metres. The state is
 //! therefore in metres, where a constant speed is linear, and each measurement is linearised at the predicted state. To the
 //! right and forward are one state with one covariance: along an oblique line of sight the distance is known less well than
 //! the bearing, so that the errors of both axes are those of one ellipse, and the rate of the bearing tells of both speeds.
 //!
-//! While a thing manoeuvres, its acceleration along the axis is a state, too (`manoeuvre.rs`).
+//! The distance that a thing had when its image was stored is a state, too (a cloned state, Roumeliotis and Burdick, 2002): the
+//! scale of the image since then tells how many times as far away it was, in each frame, and with what is known of both
+//! distances.
 
-mod collision;
-pub mod ground;
-mod innovations;
-mod manoeuvre;
-
-pub use collision::{TimeToCollision, braking_seconds};
-
-use super::parameters::{
-    INITIAL_CLOSING_SIGMA_M_S, INITIAL_LATERAL_SIGMA_M_S, LATERAL_MANOEUVRE_NOISE, LATERAL_PROCESS_NOISE,
-    MANOEUVRE_PROCESS_NOISE, OUTLIER_SIGMAS, PROCESS_NOISE,
-};
+use super::innovations::{Innovations, Judgement};
 use crate::motion::planar::Planar;
-use innovations::{Innovations, Judgement};
+use crate::tracking::parameters::{
+    INITIAL_CLOSING_SIGMA_M_S, INITIAL_LATERAL_SIGMA_M_S, LATERAL_MANOEUVRE_NOISE, LATERAL_PROCESS_NOISE,
+    MANOEUVRE_PROCESS_NOISE, MANOEUVRE_SIGMA_M_S2, MANOEUVRE_TIME_S, OUTLIER_SIGMAS, PROCESS_NOISE,
+};
 use nalgebra::{SMatrix, SVector};
 
 /// Smallest distance, in metres.
-pub(super) const MIN_DISTANCE_M: f64 = 0.3;
+pub const MIN_DISTANCE_M: f64 = 0.3;
 
 /// Largest speed of a vehicle, in m/s.
 const MAX_SPEED_M_S: f64 = 90.0;
@@ -35,20 +30,22 @@ const MIN_VARIANCE: f64 = 1e-9;
 const MIN_ACCELERATION_VARIANCE: f64 = 1e-6;
 
 /// Components of the state: place to the right and forward,
-const X: usize = 0;
-const Z: usize = 1;
+pub(super) const X: usize = 0;
+pub(super) const Z: usize = 1;
 /// speed to the right and forward,
-const VX: usize = 2;
-const VZ: usize = 3;
+pub(super) const VX: usize = 2;
+pub(super) const VZ: usize = 3;
 /// acceleration forward, 0 with variance 0 unless it manoeuvres.
-const AZ: usize = 4;
-const STATES: usize = 5;
+pub(super) const AZ: usize = 4;
+/// distance when the image was stored with which later ones are compared.
+const STORED_Z: usize = 5;
+const STATES: usize = 6;
 
-type State = SVector<f64, STATES>;
-type Covariance = SMatrix<f64, STATES, STATES>;
+pub(super) type State = SVector<f64, STATES>;
+pub(super) type Covariance = SMatrix<f64, STATES, STATES>;
 
 /// Partial derivatives of a measurement by the state, as pairs of component and slope.
-fn slopes<const N: usize>(of: [(usize, f64); N]) -> State {
+pub(super) fn slopes<const N: usize>(of: [(usize, f64); N]) -> State {
     let mut slopes = State::zeros();
     of.into_iter().for_each(|(component, slope)| slopes[component] = slope);
     slopes
@@ -71,27 +68,36 @@ pub struct BearingRate {
     pub depth_sigma_m: f64,
 }
 
-/// Kalman filter of place and speed.
+/// How the speed along the axis changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Model {
+    /// It does not, but for noise.
+    Steady,
+    /// By an acceleration that is correlated in time (Singer, 1970).
+    Accelerating,
+}
+
+/// Kalman filter of place and speed by one model.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TrackFilter {
+pub struct Estimate {
+    model: Model,
     /// Focal length × baseline, px·m.
     scale: f64,
     /// Speeds over ground if the own motion is known, else relative to the camera.
-    state: State,
-    p: Covariance,
+    pub(super) state: State,
+    pub(super) p: Covariance,
     /// Rates that the own motion adds to the speeds; 0 if these are relative.
-    own_rate: Planar,
+    pub(super) own_rate: Planar,
     /// Innovations of bearing and disparity.
     across: Innovations,
-    along: Innovations,
-    /// Time since a manoeuvre was found, in seconds; `None` at constant speed.
-    manoeuvre_s: Option<f64>,
+    pub(super) along: Innovations,
 }
 
-impl TrackFilter {
+impl Estimate {
     /// Initialises the filter with a measured disparity and the tangent of a bearing. `scale` is focal length (px) × baseline (m);
     /// `across_sigma_m` the standard deviation of the place to the right at a known distance, in metres.
     pub fn new(
+        model: Model,
         scale: f64,
         (disparity_px, sigma_px): (f64, f64),
         (bearing, across_sigma_m): (f64, f64),
@@ -103,14 +109,16 @@ impl TrackFilter {
         p[(VX, VX)] = INITIAL_LATERAL_SIGMA_M_S * INITIAL_LATERAL_SIGMA_M_S;
         p[(VZ, VZ)] = INITIAL_CLOSING_SIGMA_M_S * INITIAL_CLOSING_SIGMA_M_S;
         let mut filter = Self {
+            model,
             scale,
             state: slopes([(X, bearing * distance_m), (Z, distance_m)]),
             p,
             own_rate: [0.0; 2],
             across: Innovations::default(),
             along: Innovations::default(),
-            manoeuvre_s: None,
         };
+        filter.forget_acceleration();
+        filter.forget_stored();
         filter.tie_to_distance(bearing, across_sigma_m * across_sigma_m);
         filter
     }
@@ -131,17 +139,19 @@ impl TrackFilter {
     }
 
     /// Predicts place and speed in axes that stay.
-    fn advance(&mut self, t: f64) {
-        let kept = self.follow_manoeuvre(t);
+    pub(super) fn advance(&mut self, t: f64) {
         let mut f = Covariance::identity();
         (f[(X, VX)], f[(Z, VZ)]) = (t, t);
-        if self.manoeuvre_s.is_some() {
+        let kept = (-t / MANOEUVRE_TIME_S).exp();
+        if self.model == Model::Accelerating {
             (f[(Z, AZ)], f[(VZ, AZ)], f[(AZ, AZ)]) = (t * t / 2.0, t, kept);
         }
         self.state = f * self.state;
         self.p = f * self.p * f.transpose();
         let across = if self.across.are_biased() { LATERAL_MANOEUVRE_NOISE } else { LATERAL_PROCESS_NOISE };
-        let along = if self.along.are_biased() { MANOEUVRE_PROCESS_NOISE } else { PROCESS_NOISE };
+        let is_steady = self.model == Model::Steady;
+        let along =
+            if is_steady && self.along.are_biased() { MANOEUVRE_PROCESS_NOISE } else { PROCESS_NOISE };
         for (place, speed, density) in [(X, VX, across), (Z, VZ, along)] {
             self.p[(place, place)] += density * t.powi(3) / 3.0;
             self.p[(speed, speed)] += density * t;
@@ -149,11 +159,27 @@ impl TrackFilter {
             self.p[(place, speed)] += both;
             self.p[(speed, place)] += both;
         }
-        self.add_unknown_acceleration(kept);
+        if !is_steady {
+            self.p[(AZ, AZ)] += MANOEUVRE_SIGMA_M_S2 * MANOEUVRE_SIGMA_M_S2 * (1.0 - kept * kept);
+        }
+    }
+
+    /// Nothing is known any more of the acceleration.
+    fn forget_acceleration(&mut self) {
+        self.state[AZ] = 0.0;
+        let is_steady = self.model == Model::Steady;
+        self.forget(AZ, if is_steady { 0.0 } else { MANOEUVRE_SIGMA_M_S2 * MANOEUVRE_SIGMA_M_S2 });
+    }
+
+    /// The same by the other model: without its acceleration, or with one of which nothing is known.
+    pub(super) fn by(mut self, model: Model) -> Self {
+        self.model = model;
+        self.forget_acceleration();
+        self
     }
 
     /// Variance of the innovation of a measurement with this noise.
-    fn spread(&self, slopes: &State, noise: f64) -> f64 {
+    pub(super) fn spread(&self, slopes: &State, noise: f64) -> f64 {
         slopes.dot(&(self.p * slopes)) + noise
     }
 
@@ -178,7 +204,7 @@ impl TrackFilter {
     }
 
     /// Keeps the state within what is possible, and variances above 0.
-    fn bound(&mut self) {
+    pub(super) fn bound(&mut self) {
         self.state[Z] = self.state[Z].max(MIN_DISTANCE_M);
         for speed in [VX, VZ] {
             self.state[speed] = self.state[speed].clamp(-MAX_SPEED_M_S, MAX_SPEED_M_S);
@@ -186,7 +212,7 @@ impl TrackFilter {
         for i in [X, Z, VX, VZ] {
             self.p[(i, i)] = self.p[(i, i)].max(MIN_VARIANCE);
         }
-        if self.manoeuvre_s.is_some() {
+        if self.model == Model::Accelerating {
             self.p[(AZ, AZ)] = self.p[(AZ, AZ)].max(MIN_ACCELERATION_VARIANCE);
         }
     }
@@ -198,25 +224,38 @@ impl TrackFilter {
         self.p[(component, component)] = variance;
     }
 
-    /// Updates the state with a measured disparity and its standard deviation, both in px.
-    pub fn measure_disparity(&mut self, disparity_px: f64, sigma_px: f64) {
-        // Noise at the predicted distance; at the measured one, outliers that are too near would get more weight.
+    /// Distance of a measured disparity, and its variance at the predicted distance: at the measured one, outliers that are too near
+    /// would get more weight.
+    fn measured_distance(&self, (disparity_px, sigma_px): (f64, f64)) -> (f64, f64) {
         let expected_m = self.state[Z];
         let sigma_m = expected_m * expected_m * sigma_px / self.scale;
-        let distance_m = (self.scale / disparity_px).max(MIN_DISTANCE_M);
-        let innovation = distance_m - expected_m;
-        match self.along.judge(innovation, self.p[(Z, Z)], sigma_m * sigma_m) {
-            Judgement::Measurement { noise } => self.correct(&slopes([(Z, 1.0)]), innovation, noise),
+        ((self.scale / disparity_px).max(MIN_DISTANCE_M), sigma_m * sigma_m)
+    }
+
+    /// Judges a measured disparity and its standard deviation, both in px.
+    pub(super) fn judge_disparity(&mut self, disparity: (f64, f64)) -> Judgement {
+        let (distance_m, noise) = self.measured_distance(disparity);
+        self.along.judge(distance_m - self.state[Z], self.p[(Z, Z)], noise)
+    }
+
+    /// Updates the state with a measured disparity and its standard deviation, both in px, as it was judged.
+    pub(super) fn measure_disparity(&mut self, disparity: (f64, f64), judgement: Judgement) {
+        let (distance_m, _) = self.measured_distance(disparity);
+        match judgement {
+            Judgement::Measurement { noise } => {
+                self.correct(&slopes([(Z, 1.0)]), distance_m - self.state[Z], noise);
+            }
             Judgement::Step { noise, grows } => {
                 // The bearing remains.
-                self.state[X] *= distance_m / expected_m;
+                self.state[X] *= distance_m / self.state[Z];
                 self.state[Z] = distance_m;
                 self.forget(Z, noise);
+                self.forget_stored();
                 if grows {
                     let unknown = INITIAL_CLOSING_SIGMA_M_S * INITIAL_CLOSING_SIGMA_M_S;
                     self.p[(VZ, VZ)] = self.p[(VZ, VZ)].max(unknown);
                 }
-                self.end_manoeuvre();
+                self.forget_acceleration();
             }
         }
     }
@@ -238,7 +277,7 @@ impl TrackFilter {
         let noise = sigma_m * sigma_m + doubt_m * doubt_m;
         match self.across.judge(innovation, self.spread(&slopes, 0.0), noise) {
             Judgement::Measurement { noise } => {
-                self.correct_some(&slopes, innovation, noise, &[Z, VZ, AZ]);
+                self.correct_some(&slopes, innovation, noise, &[Z, VZ, AZ, STORED_Z]);
             }
             Judgement::Step { noise, grows } => {
                 self.state[X] = measured_m;
@@ -264,20 +303,34 @@ impl TrackFilter {
         self.correct(&slopes, innovation, noise + doubt);
     }
 
-    /// Updates the state with a rate of scale change −ż/z per second, the mean of the last `interval_s` seconds. A normalised
-    /// innovation above `gate` is rejected; but it tells of manoeuvres, too.
-    pub(super) fn measure_scale_rate(&mut self, per_s: f64, sigma_per_s: f64, interval_s: f64, gate: f64) {
-        let (z, lag_s) = (self.state[Z], interval_s / 2.0);
-        // Half of the interval is ago.
-        let mean = self.rate()[1] - self.state[AZ] * lag_s;
-        let slopes = slopes([(Z, mean / (z * z)), (VZ, -1.0 / z), (AZ, lag_s / z)]);
-        let (innovation, noise) = (per_s + mean / z, sigma_per_s * sigma_per_s);
+    /// Its image is stored: later ones are compared with it. `scale_sigma` is the standard deviation of the scale that the errors
+    /// of this image cause in all of them.
+    pub(super) fn store_distance(&mut self, scale_sigma: f64) {
+        self.state[STORED_Z] = self.state[Z];
+        for i in 0..STORED_Z {
+            (self.p[(STORED_Z, i)], self.p[(i, STORED_Z)]) = (self.p[(Z, i)], self.p[(i, Z)]);
+        }
+        self.p[(STORED_Z, STORED_Z)] = self.p[(Z, Z)] + (scale_sigma * self.state[Z]).powi(2);
+    }
+
+    /// Nothing is known any more of the distance when its image was stored.
+    fn forget_stored(&mut self) {
+        self.state[STORED_Z] = self.state[Z];
+        self.forget(STORED_Z, self.state[Z] * self.state[Z]);
+    }
+
+    /// Updates the state with the scale of its image relative to the stored one, and its standard deviation. `depth_sigma_m`:
+    /// standard deviation of the depth of what was measured behind the near side. A normalised innovation above `gate` is
+    /// rejected.
+    pub(super) fn measure_scale(&mut self, scale: f64, sigma: f64, depth_sigma_m: f64, gate: f64) {
+        let (z, stored) = (self.state[Z], self.state[STORED_Z]);
+        let slopes = slopes([(Z, scale), (STORED_Z, -1.0)]);
+        let innovation = stored - scale * z;
+        let noise = (sigma * z).powi(2) + ((scale - 1.0) * depth_sigma_m).powi(2);
         let spread = self.spread(&slopes, noise);
         if spread <= 0.0 {
             return;
         }
-        // Positive innovations are those of a distance that falls.
-        self.along.hint(-innovation / spread.sqrt());
         if innovation * innovation <= gate * gate * spread {
             self.correct(&slopes, innovation, noise);
         }
@@ -305,6 +358,7 @@ impl TrackFilter {
     /// the places before told of a change of speed.
     pub(super) fn separate_speed(&mut self) {
         (self.across, self.along) = Default::default();
+        self.forget_stored();
         for (place, speed) in [X, Z].into_iter().flat_map(|place| [VX, VZ, AZ].map(|speed| (place, speed))) {
             (self.p[(place, speed)], self.p[(speed, place)]) = (0.0, 0.0);
         }
@@ -314,7 +368,6 @@ impl TrackFilter {
     pub(super) fn take_motion(&mut self, of: &Self) {
         // Their errors have nothing to do with those of the place.
         self.separate_speed();
-        self.manoeuvre_s = of.manoeuvre_s;
         for i in [VX, VZ, AZ] {
             self.state[i] = of.state[i];
             [VX, VZ, AZ].into_iter().for_each(|k| self.p[(i, k)] = of.p[(i, k)]);
@@ -372,10 +425,7 @@ impl TrackFilter {
         -self.rate()[1]
     }
 
-    fn sigma(&self, component: usize) -> f64 {
+    pub(super) fn sigma(&self, component: usize) -> f64 {
         self.p[(component, component)].max(0.0).sqrt()
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -5,7 +5,8 @@
 //! can be tested ([`Movement`]). What is known to stand closes with the own speed, which is known better than that of any
 //! thing: its time to collision is that of the state under the condition that it stands.
 
-use super::{Covariance, TrackFilter, VX, VZ, X, Z};
+use super::Estimate;
+use super::estimate::{Covariance, VX, VZ, X, Z};
 use crate::motion::planar::{OwnRates, Planar, PlanarStep};
 use crate::tracking::parameters::{
     MAX_STANDING_SIGMA_M_S, MAX_STANDING_SIGMA_SHARE, MOVING_CHI2, STANDING_CHI2, STANDING_SPEED_M_S,
@@ -38,7 +39,7 @@ pub struct GroundMotion {
     pub movement: Movement,
 }
 
-impl TrackFilter {
+impl Estimate {
     /// The speeds of a new obstacle, of which nothing is known, are those over ground: it may stand.
     pub fn start_over_ground(&mut self, rates: &OwnRates) {
         self.own_rate = rates.at(self.place_m());
@@ -114,6 +115,7 @@ mod tests {
     use super::*;
     use crate::motion::Motion;
     use crate::motion::body::Body;
+    use crate::tracking::filter::TrackFilter;
 
     /// Focal length × baseline, px·m.
     const SCALE: f64 = 105.5;

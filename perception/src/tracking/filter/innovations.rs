@@ -65,14 +65,13 @@ impl Innovations {
         } else {
             self.outliers = OutlierRun::default();
         }
-        self.cusum *= CUSUM_DECAY;
-        self.hint(sigmas);
+        self.observe(sigmas);
         Judgement::Measurement { noise }
     }
 
-    /// Adds a normalised innovation of another measurement of the same motion.
-    pub fn hint(&mut self, sigmas: f64) {
-        self.cusum += sigmas.clamp(-OUTLIER_SIGMAS, OUTLIER_SIGMAS);
+    /// Takes in a normalised innovation, only to tell a bias.
+    pub fn observe(&mut self, sigmas: f64) {
+        self.cusum = CUSUM_DECAY * self.cusum + sigmas.clamp(-OUTLIER_SIGMAS, OUTLIER_SIGMAS);
     }
 
     /// Whether the CUSUM test detects a bias.

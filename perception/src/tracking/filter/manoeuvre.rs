@@ -1,68 +1,39 @@
-//! Acceleration of a thing while it manoeuvres.
+//! Whether a thing brakes or accelerates.
 //!
-//! A filter of variable dimension (Bar-Shalom and Birmingham, 1982): a thing has a constant speed until the innovations of its
-//! distance are biased, that is, until it brakes or accelerates. From then on the acceleration is a state, correlated in time
-//! (Singer, 1970): it decays within [`MANOEUVRE_TIME_S`], and what is not known of it is [`MANOEUVRE_SIGMA_M_S2`]. When it is
-//! found, the manoeuvre has gone on for [`MANOEUVRE_LAG_S`]: place and speed are then wrong by what that acceleration has made
-//! of them, and the covariances say so, so that the next measurements correct all three. When the acceleration is known to be
-//! small again, or remains doubtful, the state is dropped.
+//! Two models are followed at the same time, at constant speed and with an acceleration; the second is the less exact one where
+//! there is none. It holds once its acceleration differs from 0 by more than noise does, and as long as that is so (switching
+//! between models of different dimension: Bar-Shalom and Birmingham, 1982).
 
-use super::{AZ, TrackFilter, VZ, Z, slopes};
+use super::estimate::{AZ, Model, VZ};
+use super::{Estimate, TrackFilter};
 use crate::tracking::parameters::{
-    MANOEUVRE_LAG_S, MANOEUVRE_SIGMA_M_S2, MANOEUVRE_TIME_S, MAX_BRAKING_M_S2, STEADY_M_S2,
+    MANOEUVRE_SIGMAS, MAX_BRAKING_M_S2, MAX_MANOEUVRE_SPEED_SIGMA_M_S, STEADY_M_S2,
 };
 
 impl TrackFilter {
-    /// Begins or ends the estimation of the acceleration, as the innovations tell. Returns which share of it is kept after `t` seconds.
-    pub(super) fn follow_manoeuvre(&mut self, t: f64) -> f64 {
-        let kept = (-t / MANOEUVRE_TIME_S).exp();
-        let Some(seconds) = self.manoeuvre_s else {
-            // Where the speed is not known, it explains the innovations; and outliers are no acceleration.
-            let lag_m_s = MANOEUVRE_LAG_S * MANOEUVRE_SIGMA_M_S2;
-            let is_known = self.p[(VZ, VZ)] < lag_m_s * lag_m_s && !self.along.is_outlier();
-            if self.along.are_biased() && is_known {
-                self.begin_manoeuvre();
-                self.manoeuvre_s = Some(t);
+    /// Tells which model holds.
+    pub(super) fn choose_model(&mut self) {
+        let (size, sigma) = (self.accelerating.state[AZ].abs(), self.accelerating.sigma(AZ));
+        if self.is_manoeuvring {
+            if size + sigma < STEADY_M_S2 || size < sigma {
+                self.is_manoeuvring = false;
+                self.steady = self.accelerating.by(Model::Steady);
             }
-            return kept;
-        };
-        let (size, sigma) = (self.state[AZ].abs(), self.sigma(AZ));
-        let is_doubtful = seconds > MANOEUVRE_TIME_S && size < 2.0 * sigma;
-        if (size + sigma < STEADY_M_S2 || is_doubtful) && !self.along.are_biased() {
-            self.end_manoeuvre();
         } else {
-            self.manoeuvre_s = Some(seconds + t);
-        }
-        kept
-    }
-
-    /// A manoeuvre that began [`MANOEUVRE_LAG_S`] ago.
-    fn begin_manoeuvre(&mut self) {
-        let t = MANOEUVRE_LAG_S;
-        let made = slopes([(Z, t * t / 2.0), (VZ, t), (AZ, 1.0)]);
-        self.p += made * made.transpose() * (MANOEUVRE_SIGMA_M_S2 * MANOEUVRE_SIGMA_M_S2);
-    }
-
-    /// Drops the acceleration.
-    pub(super) fn end_manoeuvre(&mut self) {
-        self.manoeuvre_s = None;
-        self.state[AZ] = 0.0;
-        self.forget(AZ, 0.0);
-    }
-
-    /// Adds what becomes unknown of an acceleration of which this share is kept.
-    pub(super) fn add_unknown_acceleration(&mut self, kept: f64) {
-        if self.manoeuvre_s.is_some() {
-            self.p[(AZ, AZ)] += MANOEUVRE_SIGMA_M_S2 * MANOEUVRE_SIGMA_M_S2 * (1.0 - kept * kept);
+            let is_known = self.accelerating.sigma(VZ) < MAX_MANOEUVRE_SPEED_SIGMA_M_S;
+            let is_significant = size > MANOEUVRE_SIGMAS * sigma && size > STEADY_M_S2;
+            self.is_manoeuvring = is_significant && is_known && !self.accelerating.along.is_outlier();
         }
     }
 
     /// Acceleration of the thing away from the camera, over ground where the own motion is known, with its standard deviation,
     /// in m/s²; `None` unless it manoeuvres.
     pub fn acceleration_m_s2(&self) -> Option<(f64, f64)> {
-        self.manoeuvre_s.map(|_| (self.state[AZ], self.sigma(AZ)))
+        self.is_manoeuvring.then(|| (self.state[AZ], self.sigma(AZ)))
     }
+}
 
+impl Estimate {
     /// With how much it brakes, in m/s², less the part of the estimate that may be noise: its square exceeds that of the true
     /// one by the variance. 0 if it does not brake.
     pub(super) fn braking_m_s2(&self) -> f64 {
@@ -92,17 +63,18 @@ mod tests {
         let at = |t: f64| 16.7 - braking * t * t / 2.0;
         let mut filter = TrackFilter::new(SCALE, (SCALE / at(0.0), 0.18), (0.0, 0.1));
         let frames = ((2.0 + at_s) / PERIOD_S) as i32;
-        let mut since = 0.0;
+        let (mut since, mut stored_m) = (0.0, 0.0);
         for frame in 1..=frames {
             since = (f64::from(frame) * PERIOD_S - 2.0).max(0.0);
             filter.predict(PERIOD_S);
             filter.measure_disparity(SCALE / at(since) + 0.1 * normal(&mut random), 0.18);
-            // Every fifth frame the pictures tell the mean closing speed of the last 0.4 s.
+            // Pictures are compared with that of every fifth frame.
+            if frame > 5 {
+                filter.measure_scale(stored_m / at(since) + 0.004 * normal(&mut random), 0.005, 0.4, 4.0);
+            }
             if frame % 5 == 0 {
-                let before = (since - 0.4).max(0.0);
-                let mean = (at(before) - at(since)) / 0.4;
-                let per_s = mean / at(since) + 0.01 * normal(&mut random);
-                filter.measure_scale_rate(per_s, 0.012, 0.4, 4.0);
+                filter.store_distance(0.004);
+                stored_m = at(since) * (1.0 + 0.004 * normal(&mut random));
             }
         }
         let closing = braking * since;
@@ -140,9 +112,10 @@ mod tests {
         assert!((braking_seconds(10.0, 0.0, 5.0) - 2.0).abs() < 1e-9);
         assert!((braking_seconds(10.0, 5.0, 0.0) - 2.0).abs() < 1e-9);
         let mut filter = TrackFilter::new(SCALE, (SCALE / 20.0, 0.1), (0.0, 0.1));
-        filter.own_rate[1] = -10.0;
-        filter.state[VZ] = 10.0;
-        (filter.state[AZ], filter.manoeuvre_s) = (-5.0, Some(1.0));
+        filter.is_manoeuvring = true;
+        filter.accelerating.own_rate[1] = -10.0;
+        (filter.accelerating.state[VZ], filter.accelerating.state[AZ]) = (10.0, -5.0);
+        filter.accelerating.p[(AZ, AZ)] = 0.0;
         // It stops after 2 s and 10 m; of the 30 m until there we then have 10 m left, at 10 m/s.
         let seconds = filter.seconds_to_collision().unwrap();
         assert!((seconds - 3.0).abs() < 1e-3, "{seconds}");

@@ -1,3 +1,4 @@
+use super::estimate::{VZ, Z};
 use super::*;
 
 /// Focal length × baseline of the paper's rig, px·m.
@@ -6,7 +7,7 @@ const PERIOD_S: f64 = 0.08;
 
 /// Normalised estimation error squared (NEES) of distance and closing speed against the true values; its
 /// expected value is 2 for a consistent filter.
-fn nees_of(filter: &TrackFilter, distance_m: f64, closing_m_s: f64) -> f64 {
+fn nees_of(filter: &Estimate, distance_m: f64, closing_m_s: f64) -> f64 {
     let [a, b, c] = [(Z, Z), (Z, VZ), (VZ, VZ)].map(|i| filter.p[i]);
     let (dz, dv) = (filter.state[Z] - distance_m, filter.state[VZ] + closing_m_s);
     (c * dz * dz - 2.0 * b * dz * dv + a * dv * dv) / (a * c - b * b)
@@ -223,6 +224,54 @@ fn boxes_along_a_fence_do_not_come_in_unless_they_are_one_thing() {
     };
     let (fence, thing) = (speed(false), speed(true));
     assert!(fence.abs() < 0.5 && thing > 2.5, "{fence} {thing}");
+}
+
+/// Errors of the closing speed of what comes towards us with 25 m/s from 60 m on, after each frame (mean of 40 runs, in m/s).
+fn oncoming(with_scale: bool) -> Vec<f64> {
+    let mut errors = vec![0.0; 8];
+    for seed in 0..40 {
+        let mut random = fastrand::Rng::with_seed(seed);
+        let at = |frame: usize| 60.0 - 25.0 * PERIOD_S * frame as f64;
+        let mut filter = ahead(SCALE / at(0) + 0.1 * normal(&mut random), 0.15);
+        filter.store_distance(0.004);
+        let stored_m = at(0) * (1.0 + 0.003 * normal(&mut random));
+        for (frame, error) in (1..).zip(&mut errors) {
+            filter.predict(PERIOD_S);
+            filter.measure_disparity(SCALE / at(frame) + 0.1 * normal(&mut random), 0.15);
+            if with_scale {
+                let scale = stored_m / at(frame) * (1.0 + 0.003 * normal(&mut random));
+                filter.measure_scale(scale, 0.004, 0.4, 4.0);
+            }
+            *error += (filter.closing_m_s() - 25.0).abs() / 40.0;
+        }
+    }
+    errors
+}
+
+#[test]
+fn the_scale_tells_the_closing_speed_within_three_frames() {
+    let (without, with) = (oncoming(false), oncoming(true));
+    println!(
+        "60 m, 25 m/s, seeds 0 to 39: errors {without:.1?} m/s by disparity, {with:.1?} m/s with the scale"
+    );
+    assert!(with[2] < 5.0 && with[2] < 0.5 * without[2], "{with:?} {without:?}");
+}
+
+#[test]
+fn a_step_of_the_disparity_forgets_the_stored_distance() {
+    let mut filter = ahead(SCALE / 20.0, 0.1);
+    for _ in 0..10 {
+        filter.predict(PERIOD_S);
+        filter.measure_disparity(SCALE / 20.0, 0.1);
+    }
+    filter.store_distance(0.004);
+    // Another side of it is 5 m nearer; its image has not grown.
+    for _ in 0..8 {
+        filter.predict(PERIOD_S);
+        filter.measure_disparity(SCALE / 15.0, 0.1);
+        filter.measure_scale(1.0, 0.004, 0.4, 4.0);
+    }
+    assert!((filter.distance_m() - 15.0).abs() < 0.3 && filter.closing_m_s().abs() < 1.0, "{filter:?}");
 }
 
 /// The rate of the bearing of something straight ahead that moves to the right, in m/s.

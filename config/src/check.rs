@@ -335,11 +335,15 @@ impl Checker<'_> {
                 ),
             );
         }
-        // 0 is the range of the rig.
-        if c.regions.distance_max_m > 0.0 {
+        let range = c.regions.distance_max_m;
+        if range > 0.0 {
+            ordered(("the smallest range", 3.0), ("regions.distance_max_m", range));
+            ordered(("alarm.distance_m", c.alarm.distance_m), ("regions.distance_max_m", range));
+        } else {
+            // That of the rig, which is at least so much.
             ordered(
                 ("alarm.distance_m", c.alarm.distance_m),
-                ("regions.distance_max_m", c.regions.distance_max_m),
+                ("regions.distance_max_m: that of the rig", 60.0),
             );
         }
         ordered(("camera.skew_ms", c.camera.skew_ms), ("camera.fps: half of a period", 500.0 / c.camera.fps));

@@ -215,24 +215,31 @@ impl Obstacle {
 }
 
 /// Motion of an obstacle, with what is known of traffic that drives along our path ([`MIN_TRAFFIC_M_S`]): the less its speed across is
-/// known, the more it is that of a lane.
+/// known, the more it is that of a lane. What is measured to leave its lane, by two standard deviations, is not in one.
 fn as_traffic(path: &SweptPath, obstacle: &Obstacle) -> GroundMotion {
     let ground = obstacle.ground;
-    let [right_m_s, ahead_m_s] = ground.speed_m_s;
-    let (sine, cosine) = path.along(obstacle.place_m).heading_rad.sin_cos();
-    let (across_m_s, along_m_s) =
-        (cosine * right_m_s + sine * ahead_m_s, cosine * ahead_m_s - sine * right_m_s);
-    let speed_m_s = right_m_s.hypot(ahead_m_s);
-    if speed_m_s < MIN_TRAFFIC_M_S || across_m_s.abs() > MAX_TRAFFIC_SINE * speed_m_s {
+    let along = path.along(obstacle.place_m);
+    let (sine, cosine) = along.heading_rad.sin_cos();
+    let turned = |[right, ahead]: Planar| [cosine * right + sine * ahead, cosine * ahead - sine * right];
+    let [across_m_s, along_m_s] = turned(ground.speed_m_s);
+    let speed_m_s = across_m_s.hypot(along_m_s);
+    let [right_sigma, ahead_sigma] = ground.speed_sigma_m_s;
+    let measured_m2 = (cosine * right_sigma).powi(2) + (sine * ahead_sigma).powi(2);
+    // The lane's heading is that of the path, as far as it is known there.
+    let heading_rad = path.heading_sigma_rad(along.arc_m).hypot(path.curvature_sigma_per_m * along.arc_m);
+    let lane_m2 = TRAFFIC_ACROSS_SIGMA_M_S.powi(2) + (heading_rad * speed_m_s).powi(2);
+    let leaves = across_m_s * across_m_s > 4.0 * (lane_m2 + measured_m2);
+    if speed_m_s < MIN_TRAFFIC_M_S || across_m_s.abs() > MAX_TRAFFIC_SINE * speed_m_s || leaves {
         return ground;
     }
-    let [right_sigma, ahead_sigma] = ground.speed_sigma_m_s;
-    let (lane_m2, measured_m2) = (TRAFFIC_ACROSS_SIGMA_M_S.powi(2), right_sigma.powi(2));
     let share = lane_m2 / (lane_m2 + measured_m2);
     let kept_m_s = share * across_m_s;
+    // What is better known across is so in both axes, as far as these are across.
+    let known_m2 = (1.0 - share) * measured_m2;
+    let less = |sigma: f64, part: f64| (sigma * sigma - part * part * known_m2).max(0.0).sqrt();
     GroundMotion {
         speed_m_s: [cosine * kept_m_s - sine * along_m_s, sine * kept_m_s + cosine * along_m_s],
-        speed_sigma_m_s: [share.sqrt() * right_sigma, ahead_sigma],
+        speed_sigma_m_s: [less(right_sigma, cosine), less(ahead_sigma, sine)],
         ..ground
     }
 }
@@ -273,7 +280,9 @@ pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
     // Whether it may follow our path, as traffic does, or can only go on as it goes.
     let may_follow = following_m_s2(path, &ground, &now.nearest) <= MAX_FOLLOWING_M_S2;
     let own_m2 = |along: &AlongPath, seconds: f64| variance_m2(path, &ground, along, may_follow, seconds);
-    let [now_m, arrival_m] = [now, then].map(|front| front.nearest.arc_m);
+    let now_m = now.nearest.arc_m;
+    // Where the vehicle's front then is, or what comes from there later than predictions reach.
+    let arrival_m = then.nearest.arc_m.max(camera_m + path.body.front_m);
     let probability_now =
         overlap(path, &now, 0.0, own_m2(&now.nearest, 0.0).sqrt().hypot(path.sigma_m(now_m)));
     // Straight on. What comes towards us is met nearer than it is, where less is in doubt of our path.

@@ -1,6 +1,6 @@
 //! Place and speed of one obstacle on the ground plane, by two models of its motion.
 //!
-//! A thing keeps its speed, or it brakes or accelerates. Both are followed at the same time ([`estimate`]), and the one that
+//! A thing keeps its speed, or it brakes or accelerates. Both are followed at the same time (`estimate.rs`), and the one that
 //! holds is told (`manoeuvre.rs`).
 
 mod collision;

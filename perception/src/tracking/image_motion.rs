@@ -238,7 +238,7 @@ impl ImageMotionMeter {
 }
 
 impl Tracker {
-    /// Measures the image motion of the nearest tracks and updates their filters: for each track that was
+    /// Measures the image motion of the tracks that are reached first and updates their filters: for each track that was
     /// detected in the frame at `time_ns`, `crop` returns its part of the left image and the position of that
     /// part.
     pub fn measure_image_motion<'a>(
@@ -289,7 +289,8 @@ impl Tracker {
                 filter.measure_scale(scale, sigma, DEPTH_OFFSET_M, GATE_SIGMAS);
             }
             if motion.is_stored {
-                filter.store_distance(MIN_SCALE_SIGMA);
+                // Of a first image as much is assumed as of the clearest.
+                filter.store_distance(motion.scale.map_or(MIN_SCALE_SIGMA, |image| image.sigma));
             }
         }
         self.drop_implausible();
@@ -541,7 +542,7 @@ mod tests {
             let seconds = frame as f64 * 0.08;
             // Eight posts along both sides, and a car that comes with 12 m/s.
             let mut regions: Vec<Region> = (0..8)
-                .map(|i| (26.0 + 1.5 * f64::from(i) - 10.0 * seconds, if i % 2 == 0 { -4.0 } else { 4.0 }))
+                .map(|i| (20.0 + 1.5 * f64::from(i) - 10.0 * seconds, if i % 2 == 0 { -4.0 } else { 4.0 }))
                 .chain([(50.0 - 22.0 * seconds, -2.0)])
                 .map(|(z, lateral_m)| {
                     let seen = image(z, lateral_m, &mut random).1;

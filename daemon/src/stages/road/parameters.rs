@@ -71,6 +71,6 @@ mod tests {
             range_m(&Config::default(), &Rig { focal_px, baseline_m, cx_px: 320.0, cy_px: 240.0 })
         };
         assert!((range_m(0.12, 879.0) - 60.3).abs() < 0.1, "{}", range_m(0.12, 879.0));
-        assert_eq!((range_m(0.54, 721.0), range_m(0.03, 500.0)), (100.0, 20.0));
+        assert_eq!((range_m(0.54, 721.0), range_m(0.03, 500.0)), (100.0, 60.0));
     }
 }

@@ -196,7 +196,7 @@ fn traffic_keeps_to_its_lane_unless_it_is_known_to_leave_it() {
     assert!(!found(1.0, 1.2, -14.0).is_in_the_way(false), "{:?}", found(1.0, 1.2, -14.0));
     assert!(found(0.1, 1.2, -14.0).is_in_the_way(false), "{:?}", found(0.1, 1.2, -14.0));
     // Who crosses is no traffic of this road.
-    let clearance = |sigma_m_s| found(sigma_m_s, 1.2, -1.0).clearance_m;
+    let clearance = |sigma_m_s| found(sigma_m_s, 4.0, -5.0).clearance_m;
     assert!((clearance(1.0) - clearance(0.1)).abs() < 1e-9);
 }
 

@@ -35,7 +35,7 @@ pub(super) const Z: usize = 1;
 /// speed to the right and forward,
 pub(super) const VX: usize = 2;
 pub(super) const VZ: usize = 3;
-/// acceleration forward, 0 with variance 0 unless it manoeuvres.
+/// acceleration forward, 0 with variance 0 in the steady model.
 pub(super) const AZ: usize = 4;
 /// distance when the image was stored with which later ones are compared.
 const STORED_Z: usize = 5;
@@ -165,7 +165,7 @@ impl Estimate {
     }
 
     /// Nothing is known any more of the acceleration.
-    fn forget_acceleration(&mut self) {
+    pub(super) fn forget_acceleration(&mut self) {
         self.state[AZ] = 0.0;
         let is_steady = self.model == Model::Steady;
         self.forget(AZ, if is_steady { 0.0 } else { MANOEUVRE_SIGMA_M_S2 * MANOEUVRE_SIGMA_M_S2 });

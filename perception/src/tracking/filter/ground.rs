@@ -53,6 +53,8 @@ impl Estimate {
             self.state[speed] -= self.own_rate[i];
             self.p[(speed, speed)] += sigmas[i] * sigmas[i];
         }
+        // The acceleration was that of both.
+        self.forget_acceleration();
     }
 
     /// Makes speeds over ground those relative to the camera.
@@ -60,6 +62,7 @@ impl Estimate {
         let [across, along] = self.rate();
         (self.state[VX], self.state[VZ]) = (across, along);
         self.own_rate = [0.0; 2];
+        self.forget_acceleration();
     }
 
     /// Predicts the state after `elapsed_s` seconds in which the camera moves by `step`. The speeds are over ground.

@@ -5,8 +5,8 @@ use crate::support::documented::{Pages, fields};
 use crate::support::{Bench, Daemon, document, json, lines};
 use serde_json::Value;
 
-/// Pairs of the scene: from frame 30 on its car is a cause of warning.
-const FRAMES: &str = "45";
+/// Pairs of the scene: from frame 63 on its car is a cause of warning.
+const FRAMES: &str = "66";
 
 /// Pairs of the recording.
 const RECORDED: u64 = 20;

@@ -335,17 +335,14 @@ impl Checker<'_> {
                 ),
             );
         }
-        let range = c.regions.distance_max_m;
-        if range > 0.0 {
-            ordered(("the smallest range", 3.0), ("regions.distance_max_m", range));
-            ordered(("alarm.distance_m", c.alarm.distance_m), ("regions.distance_max_m", range));
-        } else {
-            // That of the rig, which is at least so much.
-            ordered(
-                ("alarm.distance_m", c.alarm.distance_m),
-                ("regions.distance_max_m: that of the rig", 60.0),
-            );
-        }
+        ordered(
+            ("alarm.distance_m", c.alarm.distance_m),
+            match c.regions.distance_max_m {
+                // The least that a rig has.
+                0.0 => ("regions.distance_max_m = 0: a rig's range may be as short", 60.0),
+                range => ("regions.distance_max_m", range),
+            },
+        );
         ordered(("camera.skew_ms", c.camera.skew_ms), ("camera.fps: half of a period", 500.0 / c.camera.fps));
         ordered(
             ("camera.retry_first_ms", c.camera.retry_first_ms as f64),

@@ -63,6 +63,8 @@ for profile in config/profiles/*.toml; do
 done
 put config/can/lookout.dbc usr/share/lookout/lookout.dbc
 put models/vehicle.xml usr/share/lookout/models/vehicle.xml
+put models/objects.onnx usr/share/lookout/models/objects.onnx
+put models/objects-free.onnx usr/share/lookout/models/objects-free.onnx
 put models/people.hog usr/share/lookout/models/people.hog
 put models/README.md usr/share/lookout/models/README.md
 put models/LICENSE usr/share/doc/lookout/models-license

@@ -164,7 +164,7 @@ fn a_cascade_labels_what_it_recognises() {
     // The shipped cascade under another name. The road of this rig needs more than the bench's disparities.
     let cascade = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/vehicle.xml");
     bench.configure(&format!(
-        "[recognition]\ncascade = \"{}\"\nlabel = \"cat\"\nneighbours_min = 1\ndetectors = []\n",
+        "[recognition]\nnetwork = \"\"\ncascade = \"{}\"\nlabel = \"cat\"\nneighbours_min = 1\ndetectors = []\n",
         cascade.display()
     ));
     let path = kitti.display().to_string();

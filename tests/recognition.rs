@@ -153,7 +153,23 @@ fn the_running_time_is_reported_for_the_image_and_for_its_regions() {
 #[test]
 fn classes_are_evaluated_and_scores_calibrated() {
     let bench = Bench::new();
-    let classes = ["evaluate", "classes", "street", "--frames", "6", "--json"];
+    let network = ["evaluate", "classes", "street", "--frames", "6", "--json"];
+    let pictures = [&network[..], &["--examples", "examples"]].concat();
+    let report: Value = serde_json::from_str(&bench.ok(&pictures)).expect("JSON");
+    let labels: Vec<&str> =
+        report["rows"].as_array().expect("rows").iter().filter_map(|r| r["label"].as_str()).collect();
+    assert_eq!(labels, ["vehicle", "pedestrian", "rider"]);
+    assert!(report["rows"][0]["recall"].as_f64() > Some(0.8), "{report}");
+    for label in ["vehicle", "other"] {
+        let folder = bench.path(&format!("examples/{label}"));
+        let file = std::fs::read_dir(&folder).expect("examples").flatten().next().expect("an example").path();
+        assert_eq!(sources::folder::read_grey(&file).map(|(_, w, h)| (w, h)).expect("a picture"), (64, 64));
+    }
+    // A network says probabilities.
+    bench.ok(&[&network[..], &["--calibrate", "none"]].concat());
+    assert_eq!(std::fs::read_dir(bench.path("none")).expect("a folder").count(), 0);
+    let cascade = ["--set", "recognition.network=\"\"", "--set", "recognition.cascade=\"vehicle\""];
+    let classes = [&network[..], &cascade].concat();
     let with_people = [&classes[..], &["--set", "recognition.detectors=[{}]"]].concat();
     let report: Value = serde_json::from_str(&bench.ok(&with_people)).expect("JSON");
     assert_eq!((&report["frames"], &report["rows"][0]["label"]), (&6.into(), &"vehicle".into()));
@@ -188,6 +204,8 @@ fn detectors_that_cannot_be_used_are_refused_with_the_remedy() {
         ("kind = \"hog\"\nmodel = \"gone.hog\"", "people for the one that ships"),
         ("kind = \"cascade\"\nmodel = \"gone.xml\"", "OpenCV cascade XML"),
         ("kind = \"hog\"\nmodel = \"car.toml\"", "line 1"),
+        ("kind = \"network\"\nmodel = \"gone.onnx\"", "objects for the network that ships"),
+        ("kind = \"network\"\nmodel = \"car.toml\"", "no ONNX file"),
     ] {
         bench.configure(&format!("[[recognition.detectors]]\n{detector}\n"));
         let text = bench.fails(&["check-config", "car.toml"]);

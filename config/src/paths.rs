@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use toml::de::DeTable;
 
 /// The keys that name files and folders which have to be there.
-type Named<'a> = [(&'static str, &'a mut PathBuf); 10];
+type Named<'a> = [(&'static str, &'a mut PathBuf); 11];
 
 fn named(config: &mut Config) -> Named<'_> {
     let source = &mut config.source;
@@ -14,6 +14,7 @@ fn named(config: &mut Config) -> Named<'_> {
         ("source.left", &mut source.left),
         ("source.right", &mut source.right),
         ("source.rig", &mut source.rig),
+        ("recognition.network", &mut config.recognition.network),
         ("recognition.cascade", &mut config.recognition.cascade),
         ("vehicle.motion", &mut config.vehicle.motion),
         ("vehicle.dbc", &mut config.vehicle.dbc),
@@ -87,7 +88,7 @@ mod tests {
         assert_eq!(config.source.left, folder.join("cam0/*.png"));
         assert_eq!(config.source.right, Path::new("cam1/*.png"));
         assert_eq!(config.source.path, Path::new("gone"));
-        assert_eq!(config.recognition.cascade, Path::new("vehicle"));
+        assert_eq!(config.recognition.network, Path::new("objects"));
         assert_eq!(place(Some(&file), "source.rig"), format!("{}:3: ", file.display()));
         assert_eq!(
             (place(Some(&file), "alarm.hold_ms"), place(None, "source.rig")),

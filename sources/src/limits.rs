@@ -59,6 +59,13 @@ pub const HOG_MODEL: FileLimit = FileLimit {
     remedy: "give a model in the format of models/people.hog",
 };
 
+/// Neural networks.
+pub const NETWORK: FileLimit = FileLimit {
+    what: "a network",
+    bytes: perception::recognition::network::limits::MAX_BYTES,
+    remedy: "give a small ONNX file, as models/objects.onnx",
+};
+
 /// What the scores of a detector say.
 pub const SCORE_CALIBRATION: FileLimit = FileLimit {
     what: "a calibration of scores",

@@ -42,9 +42,9 @@ const KINDS: [(&str, &str, &str, &str); 13] = [
 /// Where Debian keeps the text of a licence, so that a package need not.
 const APACHE: &str = "On Debian systems, the text is in /usr/share/common-licenses/Apache-2.0.";
 
-/// Where the package keeps the terms of the cascade.
+/// Where the package keeps the terms of the models.
 const RESEARCH: &str = "For research and non-commercial use: /usr/share/lookout/models/README.md says why and\n\
-                        /usr/share/doc/lookout/models-license is the text. The program holds this cascade, too.";
+                        /usr/share/doc/lookout/models-license is the text. The program holds these models, too.";
 
 /// A part of the program with its own notices.
 struct Part {
@@ -231,6 +231,12 @@ fn own_parts() -> Vec<Part> {
     vec![
         part("*", "the lookout contributors", "MIT OR Apache-2.0", ""),
         part("models/*", "the lookout contributors", "research", ""),
+        part(
+            "models/objects-free.onnx",
+            "the lookout contributors",
+            "MIT OR Apache-2.0",
+            "Trained with pictures of the project's own scenes and six of Udacity's under the MIT licence.",
+        ),
         part(
             "models/people.hog",
             "the contributors of OpenCV",

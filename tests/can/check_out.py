@@ -14,7 +14,7 @@ import sys
 import cantools
 
 LEVELS = {"off": "off", "clear": "clear", "standby": "clear", "warning": "warning", "alarm": "alarm"}
-CLASSES = ("obstacle", "vehicle", "pedestrian")
+CLASSES = ("obstacle", "vehicle", "pedestrian", "rider")
 ABSENT = "not available"
 FIRST_DATA_ID = 0x4C00
 

@@ -13,6 +13,7 @@ mod harness;
 mod messages;
 mod motion;
 mod mutate;
+mod networks;
 mod pictures;
 mod recordings;
 mod structure;

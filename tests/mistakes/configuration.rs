@@ -69,7 +69,7 @@ fn mistakes_in_a_configuration_have_file_line_and_remedy() {
         ("videos.toml", "[source]\nkind = \"recording\"\nleft = \"gone.mp4\"\nright = \"gone_too.mp4\"\n"),
         (
             "detectors.toml",
-            "[recognition]\ncascade = \"gone.xml\"\n[[recognition.detectors]]\nkind = \"hog\"\nmodel = \"gone.hog\"\n",
+            "[recognition]\nnetwork = \"gone.onnx\"\ncascade = \"gone.xml\"\n[[recognition.detectors]]\nkind = \"hog\"\nmodel = \"gone.hog\"\n",
         ),
         ("people.toml", "[recognition]\ncascade = \"people\"\n"),
         ("bits.toml", "[source]\nbits = 11\n"),
@@ -175,7 +175,10 @@ fn mistakes_in_a_configuration_have_file_line_and_remedy() {
                 "check-config detectors.toml",
                 1,
                 &[
-                    "detectors.toml:2: recognition.cascade",
+                    "detectors.toml:2: recognition.network",
+                    "gone.onnx",
+                    "objects for the network that ships",
+                    "detectors.toml:3: recognition.cascade",
                     "gone.xml",
                     "recognition.detectors",
                     "gone.hog",

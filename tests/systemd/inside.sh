@@ -45,7 +45,8 @@ if [ -e /opt/test/lookout.deb ]; then
   say "installed: $(dpkg-query -W lookout)"
   for file in /usr/bin/lookout /usr/share/man/man1/lookout.1.gz /usr/share/man/man1/lookout-run.1.gz \
     /usr/share/bash-completion/completions/lookout /usr/share/doc/lookout/operations.md.gz \
-    /usr/share/lookout/profiles/tk1.toml /usr/share/lookout/models/vehicle.xml; do
+    /usr/share/lookout/profiles/tk1.toml /usr/share/lookout/models/vehicle.xml \
+    /usr/share/lookout/models/objects.onnx; do
     [ -e "$file" ] || fail "$file is not in the package"
   done
   for part in 'crates/iceoryx2-[0-9.]*' 'crates/zstd-sys-.*/zstd' 'crates/lz4-sys-.*/lz4'; do

@@ -8,12 +8,16 @@ use perception::tracking::TrackerParameters as Tracker;
 use perception::tracking::classification_schedule::ScheduleParameters as Schedule;
 
 table! {
-    /// Recognition of obstacles. The first detector is a boosted cascade; each table `[[recognition.detectors]]` adds one.
+    /// Recognition of obstacles, by a network and a boosted cascade; each table `[[recognition.detectors]]` adds a detector.
     pub struct Recognition, reload: Reload::Readers;
 
-    /// OpenCV cascade file (XML), LBP or Haar; `vehicle` is the cascade that ships (models/README.md); if empty,
-    /// every region is labelled `obstacle`.
-    cascade: Path = "vehicle";
+    /// Neural network (ONNX) that names the class of a region; `objects` is the one that ships: vehicle, pedestrian, rider
+    /// (models/README.md); `objects-free` the one that anyone may use; empty for none.
+    network: Path = "objects";
+
+    /// OpenCV cascade file (XML), LBP or Haar; `vehicle` is the cascade that ships (models/README.md); empty for none.
+    /// Without network, cascade and further detectors every region is labelled `obstacle`.
+    cascade: Path = "";
 
     /// Name of the class that the cascade recognises, as it is printed.
     label: Name(15) = "vehicle";
@@ -35,8 +39,8 @@ table! {
     /// misses.
     neighbours_min: Whole(1, 100) = Recogniser::default().min_neighbours;
 
-    /// Maximum number of obstacles that are classified in a frame, the nearest unclassified ones first. Larger
-    /// values classify obstacles sooner and cost time. The others stay `obstacle`.
+    /// Maximum number of obstacles that the network, and the cascade, classify in a frame, the nearest unclassified ones
+    /// first. Larger values classify obstacles sooner and cost time. The others stay `obstacle`.
     looks_max: Whole(1, 64) = Schedule::default().max_per_frame;
 
     /// A classified obstacle is classified again after this many frames.
@@ -53,14 +57,14 @@ table! {
     pub struct RecognitionDetector, reload: Reload::Readers;
 
     /// What the model is: `hog` is a linear SVM on histograms of oriented gradients, `cascade` an OpenCV cascade, searched
-    /// with `growth` and `neighbours_min` of `[recognition]`.
-    kind: Choice(&["hog", "cascade"]) = "hog";
+    /// with `growth` and `neighbours_min` of `[recognition]`, `network` a neural network (ONNX).
+    kind: Choice(&["hog", "cascade", "network"]) = "hog";
 
-    /// File of the model; `people` is OpenCV's people detector, which ships (models/README.md), `vehicle` the cascade.
+    /// File of the model; `people` is OpenCV's people detector, which ships (models/README.md), `vehicle` the cascade, `objects` the network.
     /// Where a file FILE.calibration stands beside it, that says what a score means.
     model: Path = "people";
 
-    /// Name of the class, as it is printed. Several detectors may have the same.
+    /// Name of the class, as it is printed. Several detectors may have the same. A network names its classes itself.
     label: Name(15) = "pedestrian";
 
     /// Width of the window at the object. People of 1.75 m fill 96 of the 128 rows of OpenCV's window, which is half as wide

@@ -5,7 +5,7 @@ use messages::header::{Header, get_text};
 use messages::motion::{MotionRecord, health};
 use messages::obstacles::{AlarmRecord, ObstacleRecord, Obstacles};
 use messages::status::StatusRecord;
-use tools::can_out::layout::CLASSES;
+use tools::can_out::layout::{CLASSES, OTHER};
 use tools::can_out::{DaemonState, Existence, Object, Own, PathAhead, ResultValues};
 
 /// Maximum difference between the distance of the nearest obstacle in the path as the alarm tells it and as the obstacle
@@ -112,9 +112,10 @@ fn object(o: &ObstacleRecord) -> Object {
     }
 }
 
-/// Number of a class by its name; the last one for a name that the layout does not have.
+/// Number of a class by its name; that of `other` for a name that the layout does not have.
 fn class(name: &str) -> u32 {
-    CLASSES.iter().position(|class| *class == name).unwrap_or(CLASSES.len() - 1) as u32
+    let number = |name: &str| CLASSES.iter().position(|class| *class == name);
+    number(name).or_else(|| number(OTHER)).unwrap_or(0) as u32
 }
 
 #[cfg(test)]
@@ -216,7 +217,7 @@ mod tests {
         let got = values(alarm, &[new]);
         let object = got.objects[0];
         assert_eq!((object.closing_m_s, object.across_m_s), (None, None));
-        assert_eq!((object.existence, object.class), (Existence::Predicted, Some(CLASSES.len() as u32 - 1)));
+        assert_eq!((object.existence, object.class), (Existence::Predicted, Some(3)));
         assert_eq!((got.own, got.path.curvature_per_m, got.path.half_width_m), (Own::default(), None, None));
     }
 }

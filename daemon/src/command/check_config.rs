@@ -108,6 +108,10 @@ fn wrong_detectors(config: &Config) -> Vec<(&'static str, String)> {
             wrong.push((error.key(), error.to_string()));
         }
     };
+    let cascade = std::mem::take(&mut alone.recognition.cascade);
+    check(&alone);
+    alone.recognition.network = PathBuf::new();
+    alone.recognition.cascade = cascade;
     check(&alone);
     alone.recognition.cascade = PathBuf::new();
     for detector in others {

@@ -61,6 +61,9 @@ impl Calibration {
     /// For a linear SVM that nobody has calibrated.
     pub const SVM: Self = Self { prior: 0.0, miss: -VOTE, offset: 0.0, slope: SVM_SLOPE };
 
+    /// For a score that is the log-odds of the class.
+    pub const LOG_ODDS: Self = Self { prior: 0.0, miss: 0.0, offset: 0.0, slope: 1.0 };
+
     /// What a look adds to the log-odds of the class.
     pub fn evidence(&self, found: Option<Recognition>) -> f64 {
         let log_odds = found.map_or(self.miss, |found| self.offset + self.slope * f64::from(found.score));

@@ -15,6 +15,7 @@
 //! | [`integral`] | integral images: upright, squared and tilted |
 //! | [`scan`] | sliding window over scales |
 //! | [`hog`] | histograms of oriented gradients with a linear SVM |
+//! | [`network`] | small neural networks from ONNX files |
 //! | [`group`] | grouping of overlapping hits |
 //! | [`resize`] | bilinear scaling in fixed point |
 //! | [`xml`] | OpenCV's cascade files |
@@ -24,6 +25,7 @@ pub mod cascade;
 pub mod group;
 pub mod hog;
 pub mod integral;
+pub mod network;
 mod program;
 pub mod resize;
 pub mod scan;
@@ -57,6 +59,9 @@ pub trait Recogniser {
     /// size of a metre at the region's distance in pixels, if known. The result depends only on the arguments.
     fn recognise(&mut self, crop: GreyView<'_>, metre_px: Option<f64>) -> Option<Recognition>;
 }
+
+/// Most classes of one detector.
+pub const MAX_CLASSES: usize = 8;
 
 /// Parameters of recognition in regions.
 #[derive(Clone, Copy, Debug, PartialEq)]

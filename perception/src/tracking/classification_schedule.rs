@@ -5,6 +5,7 @@
 
 use super::Obstacle;
 use super::classification::{Classification, MIN_CLASSIFICATIONS};
+use crate::recognition::MAX_CLASSES;
 
 /// Priority of waiting: one frame counts as this many metres nearer.
 const PRIORITY_M_PER_FRAME: f64 = 2.0;
@@ -16,7 +17,7 @@ pub struct ScheduleParameters {
     pub max_per_frame: usize,
     /// Number of frames after which a track of known class is classified again.
     pub repeat_frames: u32,
-    /// Log-odds of the class before the first look.
+    /// Log-odds of each class before the first look.
     pub prior: f64,
 }
 
@@ -26,7 +27,7 @@ impl Default for ScheduleParameters {
     }
 }
 
-/// How likely tracked obstacles, by their numbers, are of one class; memory is allocated once.
+/// How likely tracked obstacles, by their numbers, are of the classes of one recogniser; memory is allocated once.
 #[derive(Debug)]
 pub struct ClassificationSchedule {
     parameters: ScheduleParameters,
@@ -46,19 +47,19 @@ impl ClassificationSchedule {
         self.known.clear();
     }
 
-    /// Probability that a track is of the class, if that is more likely than not; else `None`.
-    pub fn probability(&self, track: u32) -> Option<f64> {
-        self.known.iter().find(|(id, _)| *id == track)?.1.probability()
+    /// Probability that a track is of a class, by its number, if that is more likely than not; else `None`.
+    pub fn probability(&self, track: u32, class: usize) -> Option<f64> {
+        self.known.iter().find(|(id, _)| *id == track)?.1.probability(class)
     }
 
     /// Classifies obstacles: calls `recognise` with the index of some of those that are seen in this frame and for which
-    /// `is_eligible` holds, and adds the evidence that it returns, in log-odds; `None` where nothing could be looked at. Forgets the
+    /// `is_eligible` holds, and adds the evidence for each class that it returns, in log-odds; `None` where nothing could be looked at. Forgets the
     /// tracks that are gone. Must be called once per frame.
     pub fn classify(
         &mut self,
         obstacles: &[Obstacle],
         is_eligible: impl Fn(usize) -> bool,
-        mut recognise: impl FnMut(usize) -> Option<f64>,
+        mut recognise: impl FnMut(usize) -> Option<[f64; MAX_CLASSES]>,
     ) {
         self.known.retain(|(id, _)| obstacles.iter().any(|o| o.track == *id));
         self.order.clear();
@@ -111,27 +112,31 @@ mod tests {
                 |_| true,
                 |i| {
                     classified.push(obstacles[i].track);
-                    Some(evidence)
+                    Some([evidence; MAX_CLASSES])
                 },
             );
         };
         frame(&mut schedule, 1.5);
-        assert_eq!(schedule.probability(1), None, "nothing was looked at");
-        assert_eq!(schedule.probability(2), Some(1.0 / (1.0 + (-1.0_f64).exp())), "the nearest comes first");
+        assert_eq!(schedule.probability(1, 1), None, "nothing was looked at");
+        assert_eq!(
+            schedule.probability(2, 1),
+            Some(1.0 / (1.0 + (-1.0_f64).exp())),
+            "the nearest comes first"
+        );
         for _ in 0..12 {
             frame(&mut schedule, 1.5);
         }
         let bound = 1.0 / (1.0 + (-MAX_LOG_ODDS).exp());
-        assert_eq!(schedule.probability(1), Some(bound), "looks are not independent");
+        assert_eq!(schedule.probability(1, 1), Some(bound), "looks are not independent");
         // A few negative looks change nothing, many do.
         for _ in 0..2 {
             frame(&mut schedule, -1.5);
         }
-        assert!([1, 2].iter().all(|track| schedule.probability(*track).is_some()));
+        assert!([1, 2].iter().all(|track| schedule.probability(*track, 1).is_some()));
         for _ in 0..12 {
             frame(&mut schedule, -1.5);
         }
-        assert!([1, 2].iter().all(|track| schedule.probability(*track).is_none()));
+        assert!([1, 2].iter().all(|track| schedule.probability(*track, 1).is_none()));
         let [first, second] = [1, 2].map(|id| classified.iter().filter(|&&l| l == id).count());
         assert!(first >= 8 && second >= 8, "both are classified: {classified:?}");
         schedule.classify(&obstacles, |_| false, |_| unreachable!("none may be classified"));

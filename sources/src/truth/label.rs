@@ -17,6 +17,8 @@ pub struct Label {
     pub occluded: u8,
     /// Left, top, right and bottom of its box, in px.
     pub bounds_px: [f64; 4],
+    /// Height in metres.
+    pub height_m: f64,
     /// Width in metres.
     pub width_m: f64,
     /// Length in metres.
@@ -70,6 +72,7 @@ fn label(line: &str) -> Result<Label, String> {
         truncated: numbers[0],
         occluded: numbers[1].clamp(0.0, 3.0) as u8,
         bounds_px: [numbers[3], numbers[4], numbers[5], numbers[6]],
+        height_m: numbers[7],
         width_m: numbers[8],
         length_m: numbers[9],
         distance_m: numbers[12],
@@ -98,6 +101,7 @@ mod tests {
             truncated: 0.24,
             occluded: 1,
             bounds_px: [11.5, 172.55, 405.84, 374.0],
+            height_m: 1.68,
             width_m: 1.63,
             length_m: 3.9,
             distance_m: 6.59,

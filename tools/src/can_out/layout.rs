@@ -43,9 +43,12 @@ pub const SOURCES: &[&str] = &["cameras", "recording", "scene"];
 /// How an obstacle is known, by number ([`super::Existence`]).
 pub const EXISTENCE: &[&str] = &["none", "tentative", "measured", "predicted"];
 
-/// Classes of obstacles, by number: not recognised, recognised as a vehicle, a pedestrian, or as a class that this layout
-/// does not name.
-pub const CLASSES: &[&str] = &["obstacle", "vehicle", "pedestrian", "other"];
+/// Classes of obstacles, by number: not recognised, recognised as a vehicle, a pedestrian, as a class that this layout does
+/// not name, or as a rider.
+pub const CLASSES: &[&str] = &["obstacle", "vehicle", "pedestrian", OTHER, "rider"];
+
+/// A class that has no number of its own.
+pub const OTHER: &str = "other";
 
 /// Whether an obstacle moves over ground, by number.
 pub const MOVING: &[&str] = &["unknown", "standing", "moving"];

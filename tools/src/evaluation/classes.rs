@@ -1,11 +1,11 @@
 //! Classes of obstacles in synthetic scenes: recall and wrong labels by class, how true the probabilities are, and the
 //! calibration of each detector's scores.
 
-use super::scene_match::{Detection, is_evaluable, is_match};
+use super::scene_match::{Detection, is_evaluable, is_match, shared_area};
 use crate::reporting::record::{ObstacleLine, tidy, tidy_finite};
 use perception::recognition::{Calibration, Recognition};
 use serde::Serialize;
-use sources::scene::{ObjectClass, SceneTruth};
+use sources::scene::{ObjectClass, ObjectTruth, SceneTruth};
 use std::fmt;
 
 /// Iterations of Newton's method for the logistic fit; it converges in about ten.
@@ -21,12 +21,20 @@ const SMOOTHING: f64 = 0.5;
 /// Bins of told probabilities, from 0.5 to 1.
 const BINS: usize = 5;
 
+/// The label of what no detector knows.
+const OTHER: &str = "other";
+
+/// Share of a region's box that may lie within the box of a vehicle, a pedestrian or a rider if the region is an example of
+/// something else.
+const MAX_SHARED: f64 = 0.1;
+
 /// The label that is right for an object; `other` for what no shipped detector knows.
 pub fn right_label(class: ObjectClass) -> &'static str {
     match class {
         ObjectClass::Car | ObjectClass::Bus | ObjectClass::Lorry => "vehicle",
         ObjectClass::Pedestrian => "pedestrian",
-        _ => "other",
+        ObjectClass::Bicycle | ObjectClass::Motorcycle => "rider",
+        _ => OTHER,
     }
 }
 
@@ -35,7 +43,33 @@ pub fn region_label(truth: &SceneTruth, region: &Detection) -> &'static str {
     let there = truth.objects.iter().filter(|object| is_match(object, region));
     let most =
         there.max_by(|a, b| region.bounds.overlap(&a.bounds).total_cmp(&region.bounds.overlap(&b.bounds)));
-    most.map_or("other", |object| right_label(object.class))
+    most.map_or(OTHER, |object| right_label(object.class))
+}
+
+/// The label of a region as an example to learn from; `None` where it is unclear, because it shows part of an object of
+/// another label.
+pub fn example_label(truth: &SceneTruth, region: &Detection) -> Option<&'static str> {
+    let label = region_label(truth, region);
+    let area = f64::from(region.bounds.width) * f64::from(region.bounds.height);
+    let covers = |object: &ObjectTruth| {
+        let own = right_label(object.class);
+        own != OTHER && own != label && shared_area(&region.bounds, &object.bounds) > MAX_SHARED * area
+    };
+    (!truth.objects.iter().any(covers)).then_some(label)
+}
+
+/// Length of an object, in metres: so far behind its near side its parts may lie.
+const LENGTH_M: f64 = 5.0;
+
+/// Whether a region is part of an object with this label: at least half of its box lies within the object's, between its near side
+/// (15 % or 1 m before it) and its far one.
+fn is_part(truth: &SceneTruth, region: &Detection, label: &str) -> bool {
+    let area = f64::from(region.bounds.width) * f64::from(region.bounds.height);
+    truth.objects.iter().filter(|object| right_label(object.class) == label).any(|object| {
+        let tolerance_m = (0.15 * object.distance_m).max(1.0);
+        let depth_m = object.distance_m - tolerance_m..=object.distance_m + LENGTH_M + tolerance_m;
+        depth_m.contains(&region.distance_m) && shared_area(&region.bounds, &object.bounds) >= 0.5 * area
+    })
 }
 
 /// A look of a detector at a region.
@@ -111,8 +145,10 @@ pub struct ClassRow {
     pub recall: Option<f64>,
     /// Confirmed obstacles with the label, seen in the frame.
     pub labels: usize,
-    /// Those that stand for something else.
+    /// Those that match no such object.
     pub wrong: usize,
+    /// Of these, those whose box lies mostly within the box of such an object, at its distance: a part of it.
+    pub parts: usize,
     /// `wrong` ÷ frames.
     pub wrong_per_frame: Option<f64>,
     /// Regions that the detector could look at, those of the class, and of both those where it found something.
@@ -168,6 +204,7 @@ impl ClassTally {
             let is_right = region_label(truth, found) == line.class;
             row.labels += 1;
             row.wrong += usize::from(!is_right);
+            row.parts += usize::from(!is_right && is_part(truth, found, &line.class));
             let told = line.score.unwrap_or(0.0);
             let bin = ((told - 0.5) * 2.0 * BINS as f64).clamp(0.0, BINS as f64 - 1.0) as usize;
             let (count, sum, right) = &mut row.sums[bin];
@@ -189,6 +226,7 @@ impl ClassTally {
             own.right += other.right;
             own.labels += other.labels;
             own.wrong += other.wrong;
+            own.parts += other.parts;
             own.spent_ms += other.spent_ms;
             for (own, other) in own.sums.iter_mut().zip(other.sums) {
                 *own = (own.0 + other.0, own.1 + other.1, own.2 + other.2);
@@ -238,7 +276,7 @@ impl fmt::Display for ClassReport {
         let cell = |value: Option<f64>| value.map_or("-".into(), |v| format!("{v:.3}"));
         writeln!(
             f,
-            "{:<16}{:>7}{:>9}{:>7}{:>8}{:>8}{:>7}{:>13}{:>8}{:>10}{:>9}",
+            "{:<16}{:>7}{:>9}{:>7}{:>8}{:>8}{:>7}{:>7}{:>13}{:>8}{:>10}{:>9}",
             "class",
             "due",
             "tracked",
@@ -246,6 +284,7 @@ impl fmt::Display for ClassReport {
             "recall",
             "labels",
             "wrong",
+            "parts",
             "wrong/frame",
             "looks",
             "found",
@@ -254,7 +293,7 @@ impl fmt::Display for ClassReport {
         for row in &self.rows {
             writeln!(
                 f,
-                "{:<16}{:>7}{:>9}{:>7}{:>8}{:>8}{:>7}{:>13}{:>8}{:>10}{:>9}",
+                "{:<16}{:>7}{:>9}{:>7}{:>8}{:>8}{:>7}{:>7}{:>13}{:>8}{:>10}{:>9}",
                 row.label,
                 row.due,
                 row.tracked,
@@ -262,6 +301,7 @@ impl fmt::Display for ClassReport {
                 cell(row.recall),
                 row.labels,
                 row.wrong,
+                row.parts,
                 cell(row.wrong_per_frame),
                 row.looks[0],
                 row.looks[2],

@@ -10,7 +10,12 @@
 //!
 //! The **boxes of a car** are the regions that lie at least by half of their own area in its box, at a depth that the car
 //! has. One is right; each more is a fragment, or a thing in front of it.
+//!
+//! The **class** of a label is right if the detectors, shown its box once, tell that of KITTI's: Car, Van, Truck and Tram are
+//! vehicles, Pedestrian and Person_sitting pedestrians, Cyclist a rider. A region that shares no pixel with a label and is
+//! told a class is a **false label**; of distant and of hidden things there are no labels, so some of these are right.
 
+use super::label_classes::{ClassRow, Told, classes};
 use super::quantile;
 use super::weather::cell;
 use crate::reporting::record::{tidy, tidy_finite};
@@ -98,6 +103,10 @@ pub struct LabelRow {
     pub error_percent: Option<f64>,
     /// Number of regions in its box at its depth.
     pub boxes: usize,
+    /// What the detectors tell of its box, and how likely that is; `null` for nothing.
+    pub told: Option<Told>,
+    /// Whether it is at most partly occluded, and at most half of it cut by the border.
+    pub in_sight: bool,
     /// Result.
     pub verdict: Verdict,
 }
@@ -115,6 +124,8 @@ pub struct PictureRow {
     pub regions: usize,
     /// Distance errors of these regions against LiDAR, in percent, where LiDAR has a distance.
     pub errors_percent: Vec<f64>,
+    /// Of a picture with labels: regions that share no pixel with any, and what was told of them.
+    pub unlabelled: Vec<Option<Told>>,
 }
 
 /// Statistics of distance errors.
@@ -152,6 +163,8 @@ pub struct LidarReport {
     pub share: Option<f64>,
     /// Mean number of boxes of an evaluable car that has any.
     pub boxes_per_car: Option<f64>,
+    /// Classes of the labels by distance.
+    pub classes: Vec<ClassRow>,
     /// Distance errors of the covered cars.
     pub cars: Errors,
     /// Distance errors of all regions of matched pairs.
@@ -237,7 +250,13 @@ fn error_percent(found_m: f64, true_m: f64) -> f64 {
 }
 
 /// Evaluates a labelled object against the regions of its image.
-pub fn judge(picture: &str, label: &Label, depth_m: &DisparityMap, regions: &[Region]) -> LabelRow {
+pub fn judge(
+    picture: &str,
+    label: &Label,
+    depth_m: &DisparityMap,
+    regions: &[Region],
+    told: Option<Told>,
+) -> LabelRow {
     let bounds = label_box(label, depth_m.width, depth_m.height);
     let overlap = |region: &&Region| region.bounds.overlap(&bounds);
     let best = regions.iter().max_by(|a, b| overlap(a).total_cmp(&overlap(b))).filter(|r| overlap(r) > 0.0);
@@ -261,6 +280,8 @@ pub fn judge(picture: &str, label: &Label, depth_m: &DisparityMap, regions: &[Re
         region_m: region_m.map(tidy),
         error_percent: region_m.zip(lidar_m).map(|(found, truth)| error_percent(found, truth)),
         boxes: regions.iter().filter(|region| is_box_of(region, label, &bounds)).count(),
+        told,
+        in_sight: label.truncated <= MAX_TRUNCATION && label.occluded <= 1,
         verdict,
     }
 }
@@ -273,6 +294,7 @@ impl PictureRow {
         camera_height_m: Option<f64>,
         depth_m: &DisparityMap,
         regions: &[Region],
+        unlabelled: Vec<Option<Told>>,
     ) -> Self {
         let judged = || regions.iter().filter(|region| region.distance_m <= MAX_DISTANCE_M);
         let error = |region: &Region| {
@@ -284,6 +306,7 @@ impl PictureRow {
             camera_height_m: camera_height_m.map(tidy),
             regions: judged().count(),
             errors_percent: judged().filter_map(error).collect(),
+            unlabelled,
         }
     }
 }
@@ -302,6 +325,8 @@ impl LidarReport {
         let evaluable = covered + count(Verdict::Missed);
         let cars = labels.iter().filter(|row| row.verdict == Verdict::Covered);
         let in_view = labels.iter().filter(|row| matches!(row.verdict, Verdict::Covered | Verdict::Missed));
+        let in_sight = labels.iter().filter(|row| row.in_sight);
+        let in_sight: Vec<_> = in_sight.map(|row| (&row.class[..], row.label_m, row.told.as_ref())).collect();
         let boxes: Vec<f64> = in_view.map(|row| row.boxes as f64).filter(|&boxes| boxes > 0.0).collect();
         let of = |disparity: Disparity| {
             let rows = pictures.iter().filter(move |row| row.disparity == disparity);
@@ -315,6 +340,7 @@ impl LidarReport {
             covered,
             share: tidy_finite(covered as f64 / evaluable as f64),
             boxes_per_car: tidy_finite(boxes.iter().sum::<f64>() / boxes.len() as f64),
+            classes: classes(&in_sight),
             cars: Errors::new(cars.filter_map(|row| row.error_percent)),
             matched: of(Disparity::Matched),
             depth_map: of(Disparity::DepthMap),
@@ -362,14 +388,14 @@ impl fmt::Display for LidarReport {
         if !self.labels.is_empty() {
             writeln!(
                 f,
-                "\n{:<width$}{:>12}{:>9}{:>9}{:>9}{:>10}{:>9}{:>7}  ",
-                "picture", "label", "label m", "LiDAR m", "overlap", "region m", "error %", "boxes"
+                "\n{:<width$}{:>12}{:>9}{:>9}{:>9}{:>10}{:>9}{:>7}  {:<18}",
+                "picture", "label", "label m", "LiDAR m", "overlap", "region m", "error %", "boxes", "told"
             )?;
         }
         for row in &self.labels {
             writeln!(
                 f,
-                "{:<width$}{:>12}{:>9.2}{:>9}{:>9.2}{:>10}{:>9}{:>7}  {}",
+                "{:<width$}{:>12}{:>9.2}{:>9}{:>9.2}{:>10}{:>9}{:>7}  {:<18}{}",
                 row.picture,
                 row.class,
                 row.label_m,
@@ -378,6 +404,7 @@ impl fmt::Display for LidarReport {
                 cell(row.region_m, 2),
                 cell(row.error_percent, 2),
                 row.boxes,
+                row.told.as_ref().map_or("-".into(), |t| format!("{} {:.2}", t.class, t.probability)),
                 row.verdict.name()
             )?;
         }
@@ -395,6 +422,14 @@ impl fmt::Display for LidarReport {
                 cell(self.boxes_per_car, 2),
                 self.cars
             )?;
+        }
+        for row in &self.classes {
+            writeln!(f, "{row}")?;
+        }
+        let unlabelled: Vec<&Option<Told>> = self.pictures.iter().flat_map(|row| &row.unlabelled).collect();
+        if !unlabelled.is_empty() {
+            let told = unlabelled.iter().filter(|told| told.is_some()).count();
+            writeln!(f, "regions without a label: {told} of {} told a class", unlabelled.len())?;
         }
         if self.matched.count > 0 {
             writeln!(f, "regions of matched pairs: {}", self.matched)?;
@@ -442,6 +477,7 @@ mod tests {
             truncated: 0.0,
             occluded: 0,
             bounds_px: [40.0, 30.0, 79.0, 59.0],
+            height_m: 1.5,
             width_m: 1.6,
             length_m: 4.0,
             distance_m: 12.0,
@@ -465,6 +501,36 @@ mod tests {
     }
 
     #[test]
+    fn classes_told_are_counted_by_distance() {
+        let (depth, regions) = (depth(), Vec::new());
+        let told = |class: &str| Some(Told { class: class.into(), probability: 0.9 });
+        let row = |change: &dyn Fn(&mut Label), told: Option<Told>| {
+            let mut label = label();
+            change(&mut label);
+            judge("1", &label, &depth, &regions, told)
+        };
+        let rows = vec![
+            row(&|_| (), told("vehicle")),
+            row(&|l| l.class = "Van".into(), None),
+            row(&|l| l.distance_m = 50.0, told("rider")),
+            row(&|l| l.class = "Cyclist".into(), told("rider")),
+            row(&|l| l.occluded = 2, None),
+            row(&|l| l.class = "Misc".into(), told("vehicle")),
+        ];
+        let unlabelled = vec![None, told("vehicle")];
+        let page = PictureRow::new("1", Disparity::DepthMap, None, &depth, &regions, unlabelled);
+        let report = LidarReport::new("fast", 1, 0, vec![page], rows);
+        let counts: Vec<_> =
+            report.classes.iter().map(|r| (&r.class[..], r.to_m, r.due, r.right, r.wrong)).collect();
+        let expected =
+            [("vehicle", Some(15.0), 2, 1, 0), ("vehicle", None, 1, 0, 1), ("rider", Some(15.0), 1, 1, 0)];
+        assert_eq!(counts, expected);
+        let text = report.to_string();
+        assert!(text.contains("class vehicle up to 15 m: 1 of 2 told, 0 told another class"), "{text}");
+        assert!(text.contains("regions without a label: 1 of 2 told a class"), "{text}");
+    }
+
+    #[test]
     fn distances_are_those_of_the_near_side() {
         let depth = depth();
         assert_eq!(label_box(&label(), 100, 80), PixelBox { x: 40, y: 30, width: 40, height: 30 });
@@ -485,7 +551,7 @@ mod tests {
             region(PixelBox { x: 44, y: 30, width: 36, height: 30 }, 10.5),
             region(PixelBox { x: 0, y: 0, width: 90, height: 70 }, 10.0),
         ];
-        let row = judge("1", &label(), &depth, &regions);
+        let row = judge("1", &label(), &depth, &regions, None);
         assert_eq!((row.verdict, row.overlap), (Verdict::Covered, 0.9));
         assert_eq!((row.region_m, row.lidar_m, row.error_percent), (Some(10.5), Some(10.0), Some(5.0)));
         // The large box is not the car's: most of it lies beside it.
@@ -495,20 +561,20 @@ mod tests {
             region(PixelBox { x: 40, y: 40, width: 10, height: 20 }, 12.0),
             region(PixelBox { x: 40, y: 40, width: 10, height: 20 }, 20.0),
         ];
-        assert_eq!(judge("1", &label(), &depth, &fragments).boxes, 2);
-        let verdict = |label: Label| judge("1", &label, &depth, &regions[1..]).verdict;
+        assert_eq!(judge("1", &label(), &depth, &fragments, None).boxes, 2);
+        let verdict = |label: Label| judge("1", &label, &depth, &regions[1..], None).verdict;
         assert_eq!(verdict(label()), Verdict::Missed);
         assert_eq!(verdict(Label { class: "Cyclist".into(), ..label() }), Verdict::OtherClass);
         assert_eq!(verdict(Label { distance_m: 40.1, ..label() }), Verdict::Far);
         assert_eq!(verdict(Label { truncated: 0.6, ..label() }), Verdict::Cut);
         assert_eq!(verdict(Label { occluded: 2, ..label() }), Verdict::Hidden);
-        assert_eq!(judge("1", &label(), &depth, &[]).region_m, None);
+        assert_eq!(judge("1", &label(), &depth, &[], None).region_m, None);
         let pictures = vec![
-            PictureRow::new("1", Disparity::DepthMap, Some(1.6), &depth, &regions[..1]),
-            PictureRow::new("2", Disparity::Matched, None, &depth, &[]),
+            PictureRow::new("1", Disparity::DepthMap, Some(1.6), &depth, &regions[..1], Vec::new()),
+            PictureRow::new("2", Disparity::Matched, None, &depth, &[], Vec::new()),
         ];
         assert_eq!(pictures[0].errors_percent, [5.0]);
-        let missed = judge("1", &label(), &depth, &regions[1..]);
+        let missed = judge("1", &label(), &depth, &regions[1..], None);
         let report = LidarReport::new("fast", 1, 0, pictures, vec![row, missed]);
         assert_eq!((report.evaluable, report.covered, report.share), (2, 1, Some(0.5)));
         assert_eq!(

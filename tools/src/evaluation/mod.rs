@@ -13,6 +13,7 @@ pub mod false_alarm;
 pub mod files;
 pub mod fill;
 pub mod free_ground;
+pub mod label_classes;
 pub mod lidar;
 pub mod ncap;
 pub mod odometry;

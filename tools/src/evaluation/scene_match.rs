@@ -127,7 +127,8 @@ fn area_of_both(a: &PixelBox, b: &PixelBox) -> f64 {
     span(a.x, a.width, b.x, b.width) * span(a.y, a.height, b.y, b.height)
 }
 
-fn shared_area(a: &PixelBox, b: &PixelBox) -> f64 {
+/// Area that two boxes share, in pixels.
+pub fn shared_area(a: &PixelBox, b: &PixelBox) -> f64 {
     let span = |a: u32, al: u32, b: u32, bl: u32| f64::from((a + al).min(b + bl).saturating_sub(a.max(b)));
     span(a.x, a.width, b.x, b.width) * span(a.y, a.height, b.y, b.height)
 }

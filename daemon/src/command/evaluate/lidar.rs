@@ -8,14 +8,17 @@ use crate::command::console::say;
 use crate::command::disparity::read_pair;
 use crate::command::error::CommandError;
 use crate::command::left_out::LeftOut;
+use crate::stages::recognition::detectors::{Detector, RegionView, detectors};
+use crate::stages::road::crop_box;
 use crate::stages::road::parameters::{scene_parameters, tracker_parameters};
+use crate::stages::stage::SetupError;
 use crate::stages::stereo::matcher::{Backend, Method};
 use clap::Args;
 use config::Config;
 use perception::depth::DepthView;
 use perception::detection::SINGLE_PICTURE_EVIDENCE;
 use perception::image::GreyView;
-use perception::region::Region;
+use perception::region::{PixelBox, Region};
 use perception::rig::Rig;
 use perception::scene::SceneDetector;
 use perception::stereo::{DisparityView, MatchOutput};
@@ -27,10 +30,11 @@ use sources::truth::lidar::{LidarFrame, frames};
 use sources::truth::map_file::DisparityMap;
 use std::path::PathBuf;
 use tools::evaluation::files::{prepare, write_report};
+use tools::evaluation::label_classes::Told;
 use tools::evaluation::lidar::{Disparity, LidarReport, PictureRow, judge, label_box, label_distance_m};
 use tools::reporting::overlay::{self, OverlayInput};
 use tools::reporting::picture::{Colour, Picture};
-use tools::reporting::record::{FrameRecord, ObstacleLine};
+use tools::reporting::record::{FrameRecord, ObstacleLine, tidy};
 
 pub const HELP: &str = "Examples:
   lookout evaluate lidar ../shared/data/kitti_depth ../shared/data/kitti_cars
@@ -47,7 +51,9 @@ its near side, the region that overlaps its box most, and that region's distance
 evaluable within 40 m, with half of it in the picture and at most partly occluded; it is covered
 by a region with an overlap (intersection over union) of 0.4. Its boxes are the regions that lie
 mostly in its box, at a depth that it has: more than one are fragments. Labels that are not
-evaluable are in brackets.
+evaluable are in brackets. told: the class that the configured detectors give the label's box after
+one look, and its probability; the lines below count them by class and distance, and what was told
+of regions that share no pixel with a label.
 
 A single picture has no history: sightings with strong evidence count. --repeat N shows each picture
 N times in a row, and what tracking then confirms counts.
@@ -129,8 +135,23 @@ pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> 
         };
         let from = if frame.right.is_some() { Disparity::Matched } else { Disparity::DepthMap };
         let camera_m = scene.road.map(|road| road.camera_height_m);
-        pictures.push(PictureRow::new(name, from, camera_m, &depth_m, &regions));
-        rows.extend(labels.iter().map(|label| judge(name, label, &depth_m, &regions)));
+        let mut known = Classes::new(&config, &seen)?;
+        let boxes: Vec<PixelBox> =
+            labels.iter().map(|label| label_box(label, seen.width, seen.height)).collect();
+        let away = regions.iter().filter(|r| boxes.iter().all(|b| r.bounds.shared_area(b) == 0.0));
+        let unlabelled = match frame.labels {
+            Some(_) => away
+                .map(|r| known.tell(r.bounds, rig.focal_px / r.distance_m, r.width_m, r.height_m))
+                .collect(),
+            None => Vec::new(),
+        };
+        pictures.push(PictureRow::new(name, from, camera_m, &depth_m, &regions, unlabelled));
+        for (label, bounds) in labels.iter().zip(boxes) {
+            // The box of a car that stands across is as wide as the car is long.
+            let metre_px = rig.focal_px / label.distance_m;
+            let told = known.tell(bounds, metre_px, f64::from(bounds.width) / metre_px, label.height_m);
+            rows.push(judge(name, label, &depth_m, &regions, told));
+        }
         if let Some(out) = &args.out {
             let mut picture = seen.overlay(scene.profile_px, &regions, &rig);
             for label in &labels {
@@ -148,6 +169,30 @@ pub fn run(args: &EvaluateLidar, log: Option<&str>) -> Result<(), CommandError> 
         write_report(out, &report)?;
     }
     if args.json { say(serde_json::to_string_pretty(&report)?) } else { say(&report) }
+}
+
+/// The configured detectors on one picture.
+struct Classes<'a> {
+    detectors: Vec<Detector>,
+    image: GreyView<'a>,
+}
+
+impl<'a> Classes<'a> {
+    fn new(config: &Config, seen: &'a FramePicture) -> Result<Self, CommandError> {
+        let detectors = detectors(config, seen.width, seen.height).map_err(SetupError::from)?;
+        Ok(Self { detectors, image: GreyView::new(&seen.left, seen.width, seen.height, seen.width)? })
+    }
+
+    /// What a look tells of a box in which a metre has so many pixels.
+    fn tell(&mut self, bounds: PixelBox, metre_px: f64, width_m: f64, height_m: f64) -> Option<Told> {
+        let place = crop_box(bounds, (self.image.width() as u32, self.image.height() as u32));
+        let [x, y, width, height] = place.map(|v| v as usize);
+        let crop = self.image.crop(x, y, width, height)?;
+        let view = RegionView::of([bounds.x, bounds.y, bounds.width, bounds.height], place, crop, metre_px);
+        let looks = self.detectors.iter_mut().filter(|d| d.sizes.fit(width_m, height_m));
+        let told = looks.filter_map(|d| d.tell(&view)).max_by(|a, b| a.1.total_cmp(&b.1));
+        told.map(|(class, probability)| Told { class: class.to_owned(), probability: tidy(probability) })
+    }
 }
 
 /// The obstacles that a tracker confirms after the same sightings in so many frames.

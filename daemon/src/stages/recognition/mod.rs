@@ -10,7 +10,7 @@ use crate::launch::FrameFormat;
 use crate::stages::motion::body;
 use crate::stages::track_record;
 use config::Config;
-use detectors::{Detector, detectors};
+use detectors::{Detector, RegionView, detectors};
 use messages::alarm::Faults;
 use messages::header::{modes, put_text};
 use messages::obstacles::{AlarmRecord, MAX_COUNT, ObstacleRecord, ObstaclesMessage};
@@ -149,8 +149,10 @@ impl RecognitionStage {
     /// Class of a track and its probability: that of the strongest evidence, of equal ones the first detector's. `None` if
     /// it was not recognised.
     fn class(&self, track: u32) -> Option<(&str, f64)> {
-        let known = self.detectors.iter().rev();
-        let known = known.filter_map(|d| Some((&d.label[..], d.schedule.probability(track)?)));
+        let known = self.detectors.iter().rev().flat_map(|d| {
+            let classes = d.labels.iter().enumerate().rev();
+            classes.filter_map(|(i, label)| Some((&label[..], d.schedule.probability(track, i)?)))
+        });
         known.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
@@ -199,10 +201,10 @@ impl RecognitionStage {
         let (tracks, baseline_m) = (&message.tracks, self.baseline_m);
         for detector in &mut self.detectors {
             detector.classify(&self.obstacles, |i, sizes| {
-                let record = tracks.get(i).filter(|record| sizes.fit(record))?;
+                let record = tracks.get(i).filter(|record| sizes.fit(record.width_m, record.height_m))?;
                 let [_, _, width, height] = record.crop.map(|v| v as usize);
                 let crop = GreyView::new(message.crop(record)?, width, height, width).ok()?;
-                Some((crop, record.disparity_px / baseline_m))
+                Some(RegionView::new(record, crop, baseline_m))
             });
         }
     }

@@ -240,7 +240,7 @@ fn record(region: &Region, track: u32) -> RegionRecord {
 }
 
 /// The crop of a box in an image of `size` (width, height): left, top, width, height.
-fn crop_box(b: PixelBox, (width, height): (u32, u32)) -> [u32; 4] {
+pub fn crop_box(b: PixelBox, (width, height): (u32, u32)) -> [u32; 4] {
     let grow = |start: u32, side: u32, limit: u32| {
         let margin = ((f64::from(side) * CROP_MARGIN) as u32).max(MIN_CROP.saturating_sub(side).div_ceil(2));
         let from = start.saturating_sub(margin);

@@ -60,9 +60,11 @@ impl Sampler {
         Self { weights: Vec::with_capacity(2 * longest + 4), row: Vec::with_capacity(width) }
     }
 
-    /// Fills `out`, which has `size` (width, height), with grey levels from 0 to 255 of a rectangle.
+    /// Fills `out`, which has `size` (width, height), with grey levels from 0 to 255 of a rectangle. One that is much larger
+    /// than any image is cut: it cannot be meant.
     pub fn sample(&mut self, image: GreyView<'_>, from: Rectangle, size: (usize, usize), out: &mut [f32]) {
-        let step = (from.width / size.0 as f32, from.height / size.1 as f32);
+        let side = |px: f32| px.clamp(f32::MIN_POSITIVE, 2.0 * MAX_WIDTH as f32);
+        let step = (side(from.width) / size.0 as f32, side(from.height) / size.1 as f32);
         for (y, out) in out.chunks_exact_mut(size.0).take(size.1).enumerate() {
             taps(from.y, step.1, y, image.height(), &mut self.weights);
             self.row.clear();
@@ -127,6 +129,11 @@ mod tests {
             &mut out,
         );
         assert!(out.iter().all(|v| (v - 35.0).abs() < 1e-4), "{out:?}");
+        // Numbers that another process may have written are no end of the stage.
+        for (x, width) in [(4e9, 4e9), (-4e9, 1.0), (0.0, 0.0), (f32::NAN, f32::NAN), (0.0, f32::INFINITY)] {
+            sampler.sample(image.view(), Rectangle { x, y: x, width, height: width }, (4, 4), &mut out);
+            assert!(out.iter().all(|v| (0.0..=35.1).contains(v)), "{x} {width}: {out:?}");
+        }
         let whole = Rectangle { x: 2.0, y: 2.0, width: 4.0, height: 2.0 }.grown(0.5);
         assert_eq!(whole, Rectangle { x: 0.0, y: 1.0, width: 8.0, height: 4.0 });
     }

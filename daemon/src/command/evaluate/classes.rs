@@ -36,8 +36,9 @@ fit the detector's sizes, all of them, not only those that recognition.looks_max
 those where it finds something.
 
 --calibrate DIR writes LABEL.calibration for each detector but networks, whose scores are
-probabilities: what its scores say, by a logistic fit on all looks. Beside a model FILE as FILE.calibration it is used. Report with other scenes than
-those that were fitted. Rendered scenes are not the street: the probabilities hold for them.
+probabilities: what its scores say, by a logistic fit on all looks. Beside a model FILE as
+FILE.calibration it is used. Report with other scenes than those that were fitted. Rendered scenes
+are not the street: the probabilities hold for them.
 
 --examples DIR writes what the road stage found, by its true class, for models/objects.py.";
 

@@ -4,7 +4,7 @@
 //! softmax; a softmax at the end changes nothing). The property `labels` names the classes, separated by commas; `other`
 //! is none. The property `margin` is the margin around a region on each side, as a share of that side; 0.1 without it. The
 //! property `sizes` says how high a class may be, in metres, and how wide it is at least, as a share of its height:
-//! `vehicle 4.3 0.5, rider 2.5 0.2`; a class that it does not name may have any size.
+//! `vehicle 4.3 0.35, rider 2.5 0.2`; a class that it does not name may have any size.
 //! Operators, with weights in the file: Conv (with `group` 1 or depthwise), Gemm, BatchNormalization, Relu, Clip, Add,
 //! MaxPool, AveragePool, GlobalAveragePool, Flatten, Reshape to a row, Dropout, Identity, Softmax and LogSoftmax at the end.
 

@@ -5,7 +5,8 @@ use perception::depth::DepthView;
 use perception::image::GreyView;
 use perception::road::{RoadParameters, Shape};
 use perception::scene::{SceneDetector, SceneParameters};
-use perception::stereo::{DisparityView, MatchOutput, Matcher, Mpv, MpvParameters, Search};
+use perception::simd::Level;
+use perception::stereo::{Crew, DisparityView, MatchOutput, Matcher, Mpv, MpvParameters, Search};
 use sources::PairSource;
 use sources::scene::Scene;
 
@@ -22,8 +23,11 @@ fn a_frame_of_stereo_and_of_the_road_allocates_nothing() {
 
     let mut scene = Scene::open("street").expect("the scene ships");
     let ((width, height), rig) = (scene.size(), scene.rig().expect("the scene has a rig"));
-    let mut matcher =
-        Mpv::new(MpvParameters::default(), Search::Windows, width, height, DISPARITIES).expect("it fits");
+    let mut matchers = [1, 2].map(|threads| {
+        let crew = Crew::new(threads, |_| ()).expect("there are threads");
+        let (level, parameters) = (Level::best(), MpvParameters::default());
+        Mpv::with_crew(crew, level, parameters, Search::Windows, width, height, DISPARITIES).expect("it fits")
+    });
     let mut detectors = [Shape::Profile, Shape::Plane].map(|shape| {
         let road = RoadParameters { shape, ..RoadParameters::default() };
         let parameters = SceneParameters { road, ..SceneParameters::default() };
@@ -36,10 +40,12 @@ fn a_frame_of_stereo_and_of_the_road_allocates_nothing() {
         // Every fifth frame of the drive, so that much changes; rendering may allocate.
         scene.read(5 * index, &mut left, &mut right).expect("the frame is drawn");
         let view = |pixels| GreyView::new(pixels, width, height, width).expect("it fits");
-        let before = by_this_thread();
-        let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
-        matcher.compute(view(&left), view(&right), output).expect("it fits");
-        assert_eq!(by_this_thread(), before, "stereo, frame {index}");
+        for matcher in &mut matchers {
+            let before = by_this_thread();
+            let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
+            matcher.compute(view(&left), view(&right), output).expect("it fits");
+            assert_eq!(by_this_thread(), before, "stereo, frame {index}");
+        }
         let map = DisparityView::new(&disparity, width, height).expect("it fits");
         let depth = DepthView::new(map, &confidence).expect("it fits");
         for detector in &mut detectors {

@@ -12,6 +12,8 @@ pub struct Launch {
     pub config: Config,
     /// Core to pin to; `None` = not pinned.
     pub core: Option<usize>,
+    /// Cores of its further threads; empty if they are not pinned.
+    pub helper_cores: Vec<usize>,
     /// Process id of the scheduler. A stage exits when the scheduler does.
     pub scheduler_pid: u32,
     /// Size and geometry of the frames.
@@ -99,6 +101,7 @@ mod tests {
         let launch = Launch {
             config,
             core: Some(3),
+            helper_cores: vec![1, 2],
             scheduler_pid: u32::MAX,
             frames: FrameFormat::new((1242, 375), rig),
             lockstep: true,

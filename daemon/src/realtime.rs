@@ -94,6 +94,24 @@ pub fn enter(config: &Config, role: Role, core: Option<usize>) -> Result<Realtim
     Ok(record)
 }
 
+/// Requests the configured core and priority for another thread of a process that has [entered](enter). A refusal is
+/// logged: the work is then slower, but the same.
+pub fn enter_thread(config: &Config, role: Role, core: Option<usize>) {
+    if let Some(core) = core
+        && !core_affinity::set_for_current(core_affinity::CoreId { id: core })
+    {
+        tracing::warn!(core, "a thread of {role} could not be pinned to its core");
+    }
+    let scheduling = Request::of(&config.realtime.scheduling);
+    if let (true, Some(priority)) = (scheduling != Request::Off, priority(config, role))
+        && let Err(reason) = privilege::set_fifo(priority)
+    {
+        // The refusal for the process itself has been reported.
+        tracing::debug!(%reason, "a thread of {role} has no real-time priority");
+    }
+    privilege::prefault_stack();
+}
+
 /// Sets the limit of processor time before the priority, so that a real-time process can never spin without limit.
 fn fifo(priority: u32, budget_ms: u64) -> io::Result<()> {
     if budget_ms > 0 {

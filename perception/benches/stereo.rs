@@ -149,17 +149,17 @@ fn kernels(c: &mut Criterion) {
         group.bench_function("halving, 640 x 480 pixels", |b| {
             b.iter(|| pyramid::halve(level, left.view(), &mut half));
         });
-        let mut median = Median::new(level, 640);
+        let mut median = Median::new(level, 640, 1);
         let mut copy = map.clone();
         group.bench_function("median, 640 x 480 pixels", |b| b.iter(|| median.apply(&mut copy)));
-        let mut mean = ConfidenceFilter::new(level, 640);
+        let mut mean = ConfidenceFilter::new(level, 640, 1);
         let mut filtered = confidences.clone();
         group.bench_function("confidence, 640 x 480 pixels", |b| b.iter(|| mean.apply(&mut filtered)));
+        let mut speckle = SpeckleFilter::new(level, SpeckleParameters::default(), 640, 480, 1);
+        let mut copy = map.clone();
+        group.bench_function("speckles, 640 x 480 pixels", |b| b.iter(|| speckle.apply(&mut copy)));
         if level == Level::PLAIN {
-            let mut speckle = SpeckleFilter::new(SpeckleParameters::default(), 640, 480);
-            let mut copy = map.clone();
-            group.bench_function("speckles, 640 x 480 pixels", |b| b.iter(|| speckle.apply(&mut copy)));
-            let fill = Fill::new(BridgeParameters::default(), 640);
+            let fill = Fill::new(BridgeParameters::default(), 640, 1);
             let (mut copy, mut filtered) = (map.clone(), confidences.clone());
             group.bench_function("bridges, 640 x 480 pixels", |b| {
                 b.iter(|| {

@@ -4,7 +4,7 @@
 
 use lookout_perception::image::GreyView;
 use lookout_perception::simd::Level;
-use lookout_perception::stereo::{MatchOutput, Matcher, Mpv, MpvParameters, Search};
+use lookout_perception::stereo::{Crew, MatchOutput, Matcher, Mpv, MpvParameters, Search};
 use std::sync::Mutex;
 
 /// Cache of matchers, because a program calls with the same parameters many times.
@@ -56,11 +56,13 @@ pub unsafe extern "C" fn peer_run(
         Some(place) => cached[place..].rotate_left(1),
         None => {
             let threads = usize::try_from(threads).unwrap_or(1).clamp(1, 64);
-            let parameters = MpvParameters { threads, ..MpvParameters::default() };
+            let Ok(crew) = Crew::new(threads, |_| ()) else { return 4 };
             let search = if variant == 1 { Search::Full } else { Search::Windows };
             let named = std::env::var("LOOKOUT_LEVEL").ok().and_then(|name| Level::named(&name));
             let level = named.unwrap_or_else(Level::best);
-            let Ok(matcher) = Mpv::at_level(level, parameters, search, w, h, d) else { return 4 };
+            let Ok(matcher) = Mpv::with_crew(crew, level, MpvParameters::default(), search, w, h, d) else {
+                return 4;
+            };
             if cached.len() == MAX_CACHED {
                 cached.remove(0);
             }

@@ -26,9 +26,9 @@ table! {
     /// checked every 32 rows, so it is not exact to the millisecond. 0 always completes the map.
     budget_ms: Number(0.0, 10_000.0) in "ms" = 0.0;
 
-    /// Number of CPU threads of the matcher; the map is the same for any number. A stage that is pinned to one
-    /// core gains nothing from more than one.
-    threads: Whole(1, 64) = Mpv::default().threads;
+    /// Number of CPU threads of the matcher; the map is the same for any number. With `cores.pin` each has a core of its
+    /// own: after that of the stereo process cores without a process, then those of other processes, the last stage first.
+    threads: Whole(1, 64) = 1;
 
     /// Constant K₂ of SSIM. Larger values reduce the influence of weak texture.
     ssim_k2: Number(0.01, 0.5) = DEFAULT_K2;

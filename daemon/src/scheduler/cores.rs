@@ -7,6 +7,7 @@ use messages::pipeline::Role;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CorePlan {
     cores: Vec<(Role, Option<usize>)>,
+    available: Vec<usize>,
 }
 
 impl CorePlan {
@@ -23,7 +24,22 @@ impl CorePlan {
                 Some(available[number % available.len()])
             }
         };
-        Self { cores: Role::ALL.map(|role| (role, core(wanted.of(role)))).to_vec() }
+        let cores = Role::ALL.map(|role| (role, core(wanted.of(role)))).to_vec();
+        Self { cores, available: available.to_vec() }
+    }
+
+    /// Cores for `count` further threads of a role, the best first: cores without a process, then those of other
+    /// processes, the last stage first, because its work is the shortest; in turns if there are fewer. Empty if the role is
+    /// not pinned, or has the only core.
+    pub fn helpers(&self, role: Role, count: usize) -> Vec<usize> {
+        let Some(own) = self.core(role) else { return Vec::new() };
+        let order = |core: usize| {
+            let first = self.cores.iter().position(|(_, taken)| *taken == Some(core));
+            first.map_or(0, |place| self.cores.len() - place)
+        };
+        let mut cores: Vec<usize> = self.available.iter().copied().filter(|&core| core != own).collect();
+        cores.sort_by_key(|&core| order(core));
+        cores.iter().copied().cycle().take(if cores.is_empty() { 0 } else { count }).collect()
     }
 
     /// The core of a role; `None` if it is not pinned.
@@ -72,6 +88,21 @@ mod tests {
         // The cores of a cpuset need not start at 0.
         let plan = CorePlan::new(&Cores::default(), &[4, 6]);
         assert_eq!((plan.core(Role::Capture), plan.core(Role::Stereo)), (Some(4), Some(6)));
+    }
+
+    #[test]
+    fn further_threads_get_free_cores_first() {
+        let plan = CorePlan::new(&Cores::default(), &[0, 1, 2, 3, 4, 5]);
+        assert_eq!(plan.helpers(Role::Stereo, 3), [4, 5, 3]);
+        let plan = CorePlan::new(&Cores::default(), &[0, 1, 2, 3]);
+        assert_eq!(
+            plan.helpers(Role::Stereo, 4),
+            [3, 2, 0, 3],
+            "recognition's, road's, capture's, and again"
+        );
+        assert!(CorePlan::new(&Cores::default(), &[7]).helpers(Role::Stereo, 2).is_empty());
+        let free = CorePlan::new(&Cores { pin: false, ..Cores::default() }, &[0, 1]);
+        assert!(free.helpers(Role::Stereo, 1).is_empty());
     }
 
     #[test]

@@ -427,7 +427,13 @@ impl Run {
     }
 
     fn spawn(&mut self, role: Role, now: u64) {
-        let mut launch = Launch { core: self.plan.core(role), ..self.launch.clone() };
+        let threads = if role == Role::Stereo { self.launch.config.stereo.threads } else { 1 };
+        let helpers = usize::try_from(threads - 1).unwrap_or(0);
+        let mut launch = Launch {
+            core: self.plan.core(role),
+            helper_cores: self.plan.helpers(role, helpers),
+            ..self.launch.clone()
+        };
         if role == Role::SOURCE {
             launch.first_sequence = self.credit.resume_at();
         }

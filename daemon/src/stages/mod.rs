@@ -32,6 +32,8 @@ pub enum Entry {
     Frames {
         /// See [`configure`].
         configure: Configure,
+        /// See [`Stage::enter`].
+        enter: fn(&Launch) -> Result<(), SetupError>,
         /// See [`Stage::check`].
         check: fn(&Config, &FrameFormat) -> Result<(), SetupError>,
     },
@@ -54,7 +56,7 @@ pub fn entry(role: Role) -> Entry {
 }
 
 fn frames<S: Stage + 'static>() -> Entry {
-    Entry::Frames { configure: configure::<S>, check: S::check }
+    Entry::Frames { configure: configure::<S>, enter: S::enter, check: S::check }
 }
 
 /// Runs a stage until SIGTERM or SIGINT.
@@ -64,7 +66,8 @@ fn frames<S: Stage + 'static>() -> Entry {
 pub fn run(role: Role, launch: Launch) -> Result<(), HostError> {
     let host = Host::new(role, launch)?;
     match entry(role) {
-        Entry::Frames { configure, .. } => {
+        Entry::Frames { configure, enter, .. } => {
+            enter(&host.launch)?;
             let stage = configure(&host.launch.config, &host.launch.frames)?;
             frame_loop::run(host, stage)
         }

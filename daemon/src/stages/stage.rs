@@ -1,6 +1,6 @@
 //! The trait [`Stage`]: one message in, one message out, independent of processes and shared memory.
 
-use crate::launch::FrameFormat;
+use crate::launch::{FrameFormat, Launch};
 use crate::stages::recognition::detectors::DetectorError;
 use crate::stages::stereo::matcher::BackendError;
 use config::Config;
@@ -27,6 +27,14 @@ pub trait Stage: Sized {
     /// # Errors
     /// If the configuration or a file that it names cannot be used.
     fn new(config: &Config, format: &FrameFormat) -> Result<Self, SetupError>;
+
+    /// Starts what the stage has in a process of its own, before [`Self::new`] in the same thread.
+    ///
+    /// # Errors
+    /// If the system refuses it.
+    fn enter(_launch: &Launch) -> Result<(), SetupError> {
+        Ok(())
+    }
 
     /// Checks cheaply, in the scheduler and before the start, whether [`Self::new`] would fail.
     ///

@@ -5,6 +5,7 @@
 //! scales the window of a block spans the disparities of the coarser map in and around the block. A block
 //! that contains two surfaces therefore searches both, and a block on a single surface has a small window.
 
+use super::crew::both_if;
 use super::disparity::DisparityView;
 use crate::simd::{LANES, Level, Simd, kernel};
 
@@ -70,6 +71,12 @@ pub(super) fn pitch(span: usize) -> usize {
     if span.is_multiple_of(32) { span + 2 } else { span }
 }
 
+/// What a pixel costs whatever its window, in nodes: its row is prepared for the cost, for one.
+const PIXEL_WORK: usize = 8;
+
+/// Pixels of the coarser map that are converted together.
+const CHUNK: usize = 32;
+
 /// Slope sums of a cell: (sum, count) rightwards and downwards.
 type Cell = [(i32, i32); 2];
 
@@ -83,7 +90,8 @@ pub struct Blocks {
     disparities: usize,
     list: Vec<Block>,
     nodes: usize,
-    histogram: Vec<u32>,
+    /// Pixels with each disparity of an area, for the upper and the lower half of the strips.
+    histograms: [Vec<u32>; 2],
     /// The coarser map in integer disparities of this scale, with holes filled from the farther side.
     seeds: Vec<u8>,
     cells: Vec<Cell>,
@@ -101,7 +109,7 @@ impl Blocks {
             disparities,
             list: vec![Block::default(); tiles * strips],
             nodes: 0,
-            histogram: vec![0; 256],
+            histograms: [vec![0; 256], vec![0; 256]],
             seeds: Vec::new(),
             cells: Vec::new(),
         };
@@ -118,7 +126,7 @@ impl Blocks {
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
-        self.list.len() * size_of::<Block>() + self.seeds.len() + self.cells.len() * size_of::<Cell>() + 1024
+        self.list.len() * size_of::<Block>() + self.seeds.len() + self.cells.len() * size_of::<Cell>() + 2048
     }
 
     /// Width and height of the image in pixels.
@@ -144,6 +152,18 @@ impl Blocks {
     /// The blocks of a strip, from left to right.
     pub fn strip(&self, strip: usize) -> &[Block] {
         &self.list[strip * self.tiles..(strip + 1) * self.tiles]
+    }
+
+    /// First vector of a strip in the volume; of the strip after the last one, the end of the volume.
+    pub(super) fn start(&self, strip: usize) -> usize {
+        self.list.get(strip * self.tiles).map_or(self.vectors(), |block| block.at)
+    }
+
+    /// The strip above which about half of the work lies.
+    pub(super) fn middle(&self) -> usize {
+        let work = |strip: usize| self.start(strip) + strip * self.tiles * BLOCK * PIXEL_WORK;
+        let half = work(self.strips) / 2;
+        (0..=self.strips).min_by_key(|&strip| work(strip).abs_diff(half)).unwrap_or(0)
     }
 
     /// Size of the volume of all blocks, in vectors.
@@ -183,28 +203,39 @@ impl Blocks {
 
     /// Sets slopes and windows from the map of the next coarser scale (half the size). `windows` gives the
     /// maximum number of disparities of a window and the budget of vectors for all windows, which must be at
-    /// least [`Self::min_vectors`]; with `None` the windows are kept.
+    /// least [`Self::min_vectors`]; with `None` the windows are kept. With `share`, the calling thread belongs to a
+    /// [`Crew`](super::crew::Crew), and another thread takes a part of the work.
     pub fn plan(
         &mut self,
         level: Level,
         coarse: DisparityView<'_>,
         slopes: bool,
         windows: Option<(usize, usize)>,
+        share: bool,
     ) {
-        if slopes {
-            self.measure_slopes(level, coarse);
-        }
+        let (seeds, most) = (&mut self.seeds, self.disparities.saturating_sub(1).min(255) as u32);
+        let seed = || {
+            if windows.is_some() {
+                fill_seeds(seeds, most, coarse);
+            }
+        };
+        let (cells, list, tiles) = (&mut self.cells, &mut self.list, self.tiles);
+        let measure = || {
+            if slopes {
+                measure_slopes(cells, list, tiles, level, coarse);
+            }
+        };
+        both_if(share, seed, measure);
         if let Some((widest, vectors)) = windows {
-            self.seed(coarse);
             let mut widest = widest.next_multiple_of(GRAIN);
-            self.set_windows(level, coarse.width(), coarse.height(), widest);
+            self.set_windows(level, coarse.width(), coarse.height(), widest, share);
             self.lay_out();
             if self.vectors() > vectors {
                 // Over budget: limit the widest windows further, and place them where most disparities lie.
                 while widest > GRAIN && self.vectors_within(widest) > vectors {
                     widest -= GRAIN;
                 }
-                self.set_windows(level, coarse.width(), coarse.height(), widest);
+                self.set_windows(level, coarse.width(), coarse.height(), widest, share);
                 self.lay_out();
             }
         }
@@ -215,100 +246,122 @@ impl Blocks {
         self.list.iter().map(|block| pitch(block.span().min(widest)) * BLOCK).sum()
     }
 
-    /// The coarser map in integer disparities of this scale. Holes get the smaller disparity of their two
-    /// neighbours in the row, because occluded points lie on the farther surface. Rows without any estimate
-    /// stay 0.
-    fn seed(&mut self, coarse: DisparityView<'_>) {
-        let width = coarse.width();
-        self.seeds.resize(width * coarse.height(), 0);
-        let most = self.disparities.saturating_sub(1).min(255) as u32;
-        let whole = |d: u16| ((u32::from(d) + 64) >> 7).min(most).max(1) as u8;
-        for (y, seeds) in self.seeds.chunks_exact_mut(width).enumerate() {
-            let row = coarse.row(y);
-            let mut x = 0;
-            let mut before = 0_u8;
-            while x < width {
-                if row[x] > 0 {
-                    before = whole(row[x]);
-                    seeds[x] = before;
-                    x += 1;
-                    continue;
-                }
-                let hole = x;
-                while x < width && row[x] == 0 {
-                    x += 1;
-                }
-                let after = if x < width { whole(row[x]) } else { before };
-                let farther = if before == 0 { after } else { before.min(after) };
-                seeds[hole..x].fill(farther);
-            }
-        }
-    }
-
-    fn set_windows(&mut self, level: Level, coarse_width: usize, coarse_height: usize, widest: usize) {
-        let disparities = self.disparities;
-        for strip in 0..self.strips {
-            let top = (strip * BLOCK).saturating_sub(AROUND) / 2;
-            let bottom = (((strip + 1) * BLOCK + AROUND) / 2).min(coarse_height);
-            for tile in 0..self.tiles {
+    fn set_windows(
+        &mut self,
+        level: Level,
+        coarse_width: usize,
+        coarse_height: usize,
+        widest: usize,
+        share: bool,
+    ) {
+        let Self { disparities, tiles, seeds, list, histograms: [above, below], .. } = self;
+        let (disparities, tiles, seeds) = (*disparities, *tiles, &seeds[..]);
+        let set = |first: usize, list: &mut [Block], histogram: &mut [u32]| {
+            for (i, block) in list.iter_mut().enumerate() {
+                let (strip, tile) = (first + i / tiles, i % tiles);
+                let top = (strip * BLOCK).saturating_sub(AROUND) / 2;
+                let bottom = (((strip + 1) * BLOCK + AROUND) / 2).min(coarse_height);
                 let left = (tile * BLOCK).saturating_sub(AROUND) / 2;
                 let right = (((tile + 1) * BLOCK + AROUND) / 2).min(coarse_width);
                 let rows = top..bottom.max(top + 1).min(coarse_height);
-                let rows = rows.map(|y| &self.seeds[y * coarse_width + left..y * coarse_width + right]);
+                let rows = rows.map(|y| &seeds[y * coarse_width + left..y * coarse_width + right]);
                 let mut ends = Ends::NONE;
                 rows.clone().for_each(|row| find_ends(level, row, &mut ends));
                 let mut most = |from: usize, to: usize, inner: usize| {
-                    self.histogram.fill(0);
-                    rows.clone().flatten().for_each(|&seed| self.histogram[usize::from(seed)] += 1);
-                    fullest(&self.histogram, from, to, inner)
+                    histogram.fill(0);
+                    rows.clone().flatten().for_each(|&seed| histogram[usize::from(seed)] += 1);
+                    fullest(histogram, from, to, inner)
                 };
-                let block = &mut self.list[strip * self.tiles + tile];
                 (block.low, block.high) = window(ends, widest, disparities, &mut most);
             }
+        };
+        let half = list.len() / tiles / 2;
+        let (upper, lower) = list.split_at_mut(half * tiles);
+        both_if(share, || set(0, upper, above), || set(half, lower, below));
+    }
+}
+
+/// The coarser map in integer disparities of this scale, at most `most`. Holes get the smaller disparity of their two
+/// neighbours in the row, because occluded points lie on the farther surface. Rows without any estimate
+/// stay 0.
+fn fill_seeds(seeds: &mut Vec<u8>, most: u32, coarse: DisparityView<'_>) {
+    let width = coarse.width();
+    seeds.resize(width * coarse.height(), 0);
+    let whole = |d: u16| ((u32::from(d) + 64) >> 7).min(most).max(1) as u8;
+    for (y, seeds) in seeds.chunks_exact_mut(width).enumerate() {
+        let row = coarse.row(y);
+        let mut x = 0;
+        let mut before = 0_u8;
+        while x < width {
+            // Most pixels lie in no hole: whole chunks of such pixels are converted together.
+            if let (Some(known), Some(seeds)) = (row.get(x..x + CHUNK), seeds.get_mut(x..x + CHUNK))
+                && known.iter().fold(true, |all, &d| all & (d > 0))
+            {
+                seeds.iter_mut().zip(known).for_each(|(seed, &d)| *seed = whole(d));
+                before = seeds[CHUNK - 1];
+                x += CHUNK;
+                continue;
+            }
+            if row[x] > 0 {
+                before = whole(row[x]);
+                seeds[x] = before;
+                x += 1;
+                continue;
+            }
+            let hole = x;
+            while x < width && row[x] == 0 {
+                x += 1;
+            }
+            let after = if x < width { whole(row[x]) } else { before };
+            let farther = if before == 0 { after } else { before.min(after) };
+            seeds[hole..x].fill(farther);
         }
     }
+}
 
-    fn measure_slopes(&mut self, level: Level, coarse: DisparityView<'_>) {
-        let (width, height) = (coarse.width(), coarse.height());
-        let across = width.div_ceil(CELL);
-        self.cells.clear();
-        self.cells.resize(across * height.div_ceil(CELL), Cell::default());
-        // Every other row is enough.
-        for y in (0..height).step_by(2) {
-            let cells = &mut self.cells[y / CELL * across..][..across];
-            let row = coarse.row(y);
-            if width > SLOPE_BASE {
-                sum_steps(level, &row[..width - SLOPE_BASE], &row[SLOPE_BASE..], 0, cells);
-            }
-            if y + SLOPE_BASE < height {
-                sum_steps(level, row, coarse.row(y + SLOPE_BASE), 1, cells);
-            }
+fn measure_slopes(
+    cells: &mut Vec<Cell>,
+    list: &mut [Block],
+    tiles: usize,
+    level: Level,
+    coarse: DisparityView<'_>,
+) {
+    let (width, height) = (coarse.width(), coarse.height());
+    let across = width.div_ceil(CELL);
+    cells.clear();
+    cells.resize(across * height.div_ceil(CELL), Cell::default());
+    // Every other row is enough.
+    for y in (0..height).step_by(2) {
+        let cells = &mut cells[y / CELL * across..][..across];
+        let row = coarse.row(y);
+        if width > SLOPE_BASE {
+            sum_steps(level, &row[..width - SLOPE_BASE], &row[SLOPE_BASE..], 0, cells);
         }
-        let cells = |first: usize, cells_there: usize| {
-            // The cells of the block and one more on each side.
-            let start = (first * BLOCK / 2 / CELL).saturating_sub(1);
-            start..(((first + 1) * BLOCK / 2).div_ceil(CELL) + 1).min(cells_there)
-        };
-        for strip in 0..self.strips {
-            for tile in 0..self.tiles {
-                let mut total = Cell::default();
-                for y in cells(strip, height.div_ceil(CELL)) {
-                    for cell in &self.cells[y * across..][cells(tile, across)] {
-                        for way in 0..2 {
-                            total[way] = (total[way].0 + cell[way].0, total[way].1 + cell[way].1);
-                        }
-                    }
+        if y + SLOPE_BASE < height {
+            sum_steps(level, row, coarse.row(y + SLOPE_BASE), 1, cells);
+        }
+    }
+    let beside = |first: usize, cells_there: usize| {
+        // The cells of the block and one more on each side.
+        let start = (first * BLOCK / 2 / CELL).saturating_sub(1);
+        start..(((first + 1) * BLOCK / 2).div_ceil(CELL) + 1).min(cells_there)
+    };
+    for (i, block) in list.iter_mut().enumerate() {
+        let mut total = Cell::default();
+        for y in beside(i / tiles, height.div_ceil(CELL)) {
+            for cell in &cells[y * across..][beside(i % tiles, across)] {
+                for way in 0..2 {
+                    total[way] = (total[way].0 + cell[way].0, total[way].1 + cell[way].1);
                 }
-                let slope = |(sum, count): (i32, i32)| {
-                    if count < MIN_MEASURES {
-                        return 0;
-                    }
-                    (sum * GAIN / (SLOPE_BASE as i32 * count * 10)).clamp(-128, 128)
-                };
-                let block = &mut self.list[strip * self.tiles + tile];
-                (block.slope_x, block.slope_y) = (slope(total[0]), slope(total[1]));
             }
         }
+        let slope = |(sum, count): (i32, i32)| {
+            if count < MIN_MEASURES {
+                return 0;
+            }
+            (sum * GAIN / (SLOPE_BASE as i32 * count * 10)).clamp(-128, 128)
+        };
+        (block.slope_x, block.slope_y) = (slope(total[0]), slope(total[1]));
     }
 }
 
@@ -382,6 +435,7 @@ fn window(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stereo::Crew;
 
     #[test]
     fn a_window_spans_the_observed_disparities() {
@@ -419,7 +473,7 @@ mod tests {
         let mut blocks = Blocks::new(width, height, 128);
         blocks.reserve(w, h);
         assert_eq!(blocks.nodes(), width * height * 128);
-        blocks.plan(Level::best(), coarse, true, Some((64, usize::MAX)));
+        blocks.plan(Level::best(), coarse, true, Some((64, usize::MAX)), false);
         let mut next = 0;
         for strip in 0..blocks.strips() {
             for (tile, block) in blocks.strip(strip).iter().enumerate() {
@@ -436,16 +490,28 @@ mod tests {
             }
         }
         assert_eq!(next, blocks.vectors());
+        // Two threads plan the same.
+        let alone = blocks.list.clone();
+        let crew = Crew::new(2, |_| ()).unwrap();
+        blocks.set_all(|block| *block = Block { high: 128, ..Block::default() });
+        crew.lead(|| blocks.plan(Level::best(), coarse, true, Some((64, usize::MAX)), true));
+        assert_eq!(blocks.list, alone);
         let budget = blocks.min_vectors() * 2;
-        blocks.plan(Level::best(), coarse, true, Some((64, budget)));
+        blocks.plan(Level::best(), coarse, true, Some((64, budget)), false);
         assert!(blocks.vectors() <= budget);
         // Planning of slopes alone keeps the windows.
         let mut full = Blocks::new(width, height, 128);
-        full.plan(Level::best(), coarse, true, None);
+        full.plan(Level::best(), coarse, true, None, false);
         assert!(full.strip(0).iter().all(|b| b.window() == (0, 128) && b.slope_x == 110));
         // A map without any estimate: windows have the maximum size.
         let nothing = vec![0; w * h];
-        full.plan(Level::best(), DisparityView::new(&nothing, w, h).unwrap(), true, Some((64, usize::MAX)));
+        full.plan(
+            Level::best(),
+            DisparityView::new(&nothing, w, h).unwrap(),
+            true,
+            Some((64, usize::MAX)),
+            false,
+        );
         assert!(full.strip(0).iter().all(|b| b.window() == (0, 64) && b.slope_x == 0));
     }
 }

@@ -37,7 +37,7 @@ impl Matcher for Fallback {
         left: GreyView<'_>,
         right: GreyView<'_>,
         output: MatchOutput<'_>,
-        go_on: &mut dyn FnMut() -> bool,
+        go_on: &mut (dyn FnMut() -> bool + Send),
     ) -> Result<u32, MatchError> {
         let MatchOutput { disparity, confidence } = output;
         if let Some(device) = &mut self.device {
@@ -98,7 +98,7 @@ mod tests {
             _: GreyView<'_>,
             _: GreyView<'_>,
             output: MatchOutput<'_>,
-            _: &mut dyn FnMut() -> bool,
+            _: &mut (dyn FnMut() -> bool + Send),
         ) -> Result<u32, MatchError> {
             if let Some(left) = &mut self.pairs_left {
                 *left = left.checked_sub(1).ok_or(MatchError::Lost(Loss::Hung))?;

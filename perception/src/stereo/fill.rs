@@ -1,7 +1,9 @@
 //! Fills holes of a disparity map: small holes within one surface by interpolation, and on request all
 //! remaining holes, with seams along the edges of the image.
 
+use super::crew::both;
 use crate::image::GreyView;
+use std::ops::Range;
 
 /// Parameters of hole interpolation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,22 +25,44 @@ impl Default for BridgeParameters {
 pub struct Fill {
     parameters: BridgeParameters,
     width: usize,
+    threads: usize,
 }
 
 impl Fill {
-    /// A filler for maps of `width` columns.
-    pub fn new(parameters: BridgeParameters, width: usize) -> Self {
-        Self { parameters, width }
+    /// A filler for maps of `width` columns. More than one thread needs a [`Crew`](super::crew::Crew).
+    pub fn new(parameters: BridgeParameters, width: usize, threads: usize) -> Self {
+        Self { parameters, width, threads: threads.max(1) }
     }
 
     /// Interpolates holes linearly between both sides, along rows first, then along columns. Filled pixels
     /// get a quarter of the lower confidence of both sides, at least 1.
     pub fn bridge(&self, disparity: &mut [u16], confidence: &mut [u8]) {
-        let (widest, step) = (usize::from(self.parameters.widest_px), self.parameters.step);
+        let (width, height) = (self.width, disparity.len() / self.width);
+        let widest = usize::from(self.parameters.widest_px);
         if widest == 0 {
             return;
         }
-        let width = self.width;
+        if self.threads == 1 {
+            self.bridge_rows(disparity, confidence);
+            self.bridge_columns(disparity, confidence, 1..height);
+            return;
+        }
+        let cut = height / 2;
+        let (upper, lower) = disparity.split_at_mut(cut * width);
+        let (upper_confidence, lower_confidence) = confidence.split_at_mut(cut * width);
+        let half = |disparity: &mut [u16], confidence: &mut [u8]| {
+            self.bridge_rows(disparity, confidence);
+            let rows = disparity.len() / width;
+            self.bridge_columns(disparity, confidence, 1..rows);
+        };
+        both(|| half(upper, upper_confidence), || half(lower, lower_confidence));
+        // Holes that cross the cut, which neither half has filled.
+        self.bridge_columns(disparity, confidence, cut.saturating_sub(widest).max(1)..(cut + 1).min(height));
+    }
+
+    fn bridge_rows(&self, disparity: &mut [u16], confidence: &mut [u8]) {
+        let (width, step) = (self.width, self.parameters.step);
+        let widest = usize::from(self.parameters.widest_px);
         for (disparity, confidence) in
             disparity.chunks_exact_mut(width).zip(confidence.chunks_exact_mut(width))
         {
@@ -56,23 +80,26 @@ impl Fill {
                 }
             });
         }
+    }
+
+    /// Interpolates the holes that begin in one of `rows`. Each hole depends only on the pixels at both ends of it.
+    fn bridge_columns(&self, disparity: &mut [u16], confidence: &mut [u8], rows: Range<usize>) {
+        let (width, step) = (self.width, self.parameters.step);
+        let widest = usize::from(self.parameters.widest_px);
         let height = disparity.len() / width;
-        for y in 1..height {
+        for y in rows {
             let mut x = 0;
-            while let Some(hole) = next_zero(&disparity[y * width..(y + 1) * width], x) {
-                x = hole;
+            while let Some(start) = next_below(&disparity[(y - 1) * width..(y + 1) * width], x) {
+                x = start;
                 let above = (y - 1) * width + x;
                 let a = disparity[above];
-                if a > 0 {
-                    let below =
-                        (y + 1..height.min(y + widest + 1)).find(|row| disparity[row * width + x] > 0);
-                    if let Some(below) = below.filter(|row| disparity[row * width + x].abs_diff(a) <= step) {
-                        let b = disparity[below * width + x];
-                        let lower = confidence[above].min(confidence[below * width + x]) / 4;
-                        for row in y..below {
-                            disparity[row * width + x] = between(a, b, row + 1 - y, below + 1 - y);
-                            confidence[row * width + x] = lower.max(1);
-                        }
+                let below = (y + 1..height.min(y + widest + 1)).find(|row| disparity[row * width + x] > 0);
+                if let Some(below) = below.filter(|row| disparity[row * width + x].abs_diff(a) <= step) {
+                    let b = disparity[below * width + x];
+                    let lower = confidence[above].min(confidence[below * width + x]) / 4;
+                    for row in y..below {
+                        disparity[row * width + x] = between(a, b, row + 1 - y, below + 1 - y);
+                        confidence[row * width + x] = lower.max(1);
                     }
                 }
                 x += 1;
@@ -157,6 +184,20 @@ fn next_zero(row: &[u16], from: usize) -> Option<usize> {
     None
 }
 
+/// The first column, from `from` on, in which the lower of two rows has a zero and the upper one has none: where a hole begins.
+fn next_below(rows: &[u16], from: usize) -> Option<usize> {
+    let (above, here) = rows.split_at(rows.len() / 2);
+    let begins = |(&above, &here): (&u16, &u16)| (above > 0) & (here == 0);
+    let mut start = from;
+    for (above, here) in above[from..].chunks(32).zip(here[from..].chunks(32)) {
+        if above.iter().zip(here).fold(false, |any, pair| any | begins(pair)) {
+            return above.iter().zip(here).position(begins).map(|i| start + i);
+        }
+        start += here.len();
+    }
+    None
+}
+
 /// Calls `hole` with start and end of each run of zeros in a row.
 fn for_holes(row: &mut [u16], mut hole: impl FnMut(&mut [u16], usize, usize)) {
     let mut x = 0;
@@ -174,11 +215,12 @@ fn for_holes(row: &mut [u16], mut hole: impl FnMut(&mut [u16], usize, usize)) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stereo::Crew;
 
     #[test]
     fn holes_within_a_surface_are_interpolated_and_others_stay() {
         let width = 9;
-        let fill = Fill::new(BridgeParameters { widest_px: 3, step: 512 }, width);
+        let fill = Fill::new(BridgeParameters { widest_px: 3, step: 512 }, width, 1);
         // A hole in a slope, a hole at an edge, a hole that is too wide, a hole at the border.
         let mut map = vec![
             1000, 0, 0, 1300, 1300, 0, 9000, 0, 0, //
@@ -190,12 +232,37 @@ mod tests {
         assert_eq!(map[9..14], [1000, 0, 0, 0, 0]);
         assert_eq!(confidence[..6], [200, 50, 50, 200, 200, 0]);
         // Along a column.
-        let fill = Fill::new(BridgeParameters { widest_px: 3, step: 512 }, 1);
+        let fill = Fill::new(BridgeParameters { widest_px: 3, step: 512 }, 1, 1);
         let mut map = vec![0, 400, 0, 0, 700, 0];
         let mut confidence = vec![0, 8, 0, 0, 2, 0];
         fill.bridge(&mut map, &mut confidence);
         assert_eq!(map, [0, 400, 500, 600, 700, 0]);
         assert_eq!(confidence, [0, 8, 1, 1, 2, 0]);
+    }
+
+    #[test]
+    fn two_threads_fill_the_same_holes_as_one() {
+        let mut random = fastrand::Rng::with_seed(13);
+        let crew = Crew::new(2, |_| ()).unwrap();
+        for _ in 0..40 {
+            let (width, height) = (random.usize(1..70), random.usize(1..60));
+            let parameters = BridgeParameters { widest_px: random.u16(0..30), step: 300 };
+            let mut map: Vec<u16> = (0..width * height).map(|_| random.u16(500..900)).collect();
+            for _ in 0..random.usize(0..30) {
+                let (x, y) = (random.usize(..width), random.usize(..height));
+                for y in y..height.min(y + random.usize(1..40)) {
+                    map[y * width..][x..width.min(x + random.usize(1..20))].fill(0);
+                }
+            }
+            let confidence: Vec<u8> = map.iter().map(|&d| if d > 0 { random.u8(1..) } else { 0 }).collect();
+            let fill = |threads: usize| {
+                let (mut map, mut confidence) = (map.clone(), confidence.clone());
+                let fill = Fill::new(parameters, width, threads);
+                crew.lead(|| fill.bridge(&mut map, &mut confidence));
+                (map, confidence)
+            };
+            assert!(fill(1) == fill(2), "{width}x{height}, {parameters:?}");
+        }
     }
 
     #[test]
@@ -212,7 +279,7 @@ mod tests {
             7, 0, 0, 0, 0, 0,
         ];
         let mut confidence: Vec<u8> = map.iter().map(|&d| if d > 0 { 200 } else { 0 }).collect();
-        Fill::new(BridgeParameters::default(), 6).complete(image, &mut map, &mut confidence);
+        Fill::new(BridgeParameters::default(), 6, 1).complete(image, &mut map, &mut confidence);
         assert_eq!(map[..6], [512, 512, 512, 512, 2560, 2560]);
         assert_eq!(map[6..12], map[..6]);
         assert_eq!(map[12..], [7; 6]);
@@ -221,7 +288,7 @@ mod tests {
         // No estimate at all: the map stays empty.
         let mut nothing = vec![0; 18];
         let mut confidence = vec![0; 18];
-        Fill::new(BridgeParameters::default(), 6).complete(image, &mut nothing, &mut confidence);
+        Fill::new(BridgeParameters::default(), 6, 1).complete(image, &mut nothing, &mut confidence);
         assert!(nothing.iter().all(|&d| d == 0) && confidence.iter().all(|&c| c == 0));
     }
 }

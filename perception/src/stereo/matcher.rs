@@ -101,7 +101,7 @@ pub trait Matcher {
         left: GreyView<'_>,
         right: GreyView<'_>,
         output: MatchOutput<'_>,
-        go_on: &mut dyn FnMut() -> bool,
+        go_on: &mut (dyn FnMut() -> bool + Send),
     ) -> Result<u32, MatchError>;
 
     /// Nodes of the search space of the last pair, summed over all scales that were started. The paper

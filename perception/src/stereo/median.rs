@@ -1,5 +1,6 @@
 //! A 3 × 3 median filter that removes single outliers and preserves edges and holes.
 
+use super::crew::{first_row, in_bands};
 use crate::simd::{Level, Simd, kernel};
 
 /// Pixels that are filtered together: a vector of AVX2.
@@ -86,38 +87,76 @@ kernel! { fn filter_row(rows: [&[u16]; 3], out: &mut [u16]) = median_row }
 pub struct Median {
     level: Level,
     width: usize,
-    /// Three rows of the unfiltered map, with one border column before and at least one behind.
+    /// One for each thread.
+    parts: Vec<Part>,
+}
+
+/// The workspace for a part of the rows. All rows have one border column before and at least one behind.
+#[derive(Debug)]
+struct Part {
+    /// Three rows of the unfiltered map.
     rows: [Vec<u16>; 3],
+    /// The unfiltered row below the part.
+    beyond: Vec<u16>,
     /// A filtered row, up to the end of its last chunk.
     filtered: Vec<u16>,
 }
 
+/// Copies a row of the map between its borders; a row outside the map is unknown.
+fn take(row: Option<&[u16]>, into: &mut [u16]) {
+    match row {
+        Some(row) => into[1..=row.len()].copy_from_slice(row),
+        None => into.fill(0),
+    }
+}
+
 impl Median {
-    /// A filter for maps of `width` columns.
-    pub fn new(level: Level, width: usize) -> Self {
+    /// A filter for maps of `width` columns that divides their rows among `threads` threads; several need a
+    /// [`Crew`](super::crew::Crew).
+    pub fn new(level: Level, width: usize, threads: usize) -> Self {
         let padded = width.next_multiple_of(CHUNK);
-        Self { level, width, rows: std::array::from_fn(|_| vec![0; padded + 2]), filtered: vec![0; padded] }
+        let part = || Part {
+            rows: std::array::from_fn(|_| vec![0; padded + 2]),
+            beyond: vec![0; padded + 2],
+            filtered: vec![0; padded],
+        };
+        Self { level, width, parts: (0..threads.max(1)).map(|_| part()).collect() }
     }
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
-        8 * self.filtered.len() + 12
+        self.parts.iter().map(|part| 10 * part.filtered.len() + 16).sum()
     }
 
     /// Replaces each known disparity by the median of its 3 × 3 pixels; 0 (unknown) is kept.
     pub fn apply(&mut self, disparity: &mut [u16]) {
-        let width = self.width;
+        let Self { level, width, parts } = self;
+        let (level, width, count) = (*level, *width, parts.len());
         let height = disparity.len() / width;
-        let [above, here, below] = &mut self.rows;
-        above.fill(0);
-        here[1..=width].copy_from_slice(&disparity[..width]);
+        let row = |y: usize| disparity.get(y * width..(y + 1) * width);
+        for (i, part) in parts.iter_mut().enumerate() {
+            take(first_row(height, i, count).checked_sub(1).and_then(row), &mut part.rows[0]);
+            take(row(first_row(height, i + 1, count)), &mut part.beyond);
+        }
+        in_bands(parts, disparity, width, &|part, band| part.filter(level, width, band));
+    }
+}
+
+impl Part {
+    /// Filters the rows of the part; `rows[0]` and `beyond` are those beside it.
+    fn filter(&mut self, level: Level, width: usize, band: &mut [u16]) {
+        let height = band.len() / width;
+        let Self { rows: [above, here, below], beyond, filtered } = self;
+        if height > 0 {
+            take(Some(&band[..width]), here);
+        }
         for y in 0..height {
-            match disparity.get((y + 1) * width..(y + 2) * width) {
-                Some(next) => below[1..=width].copy_from_slice(next),
-                None => below.fill(0),
+            match band.get((y + 1) * width..(y + 2) * width) {
+                Some(next) => take(Some(next), below),
+                None => below.copy_from_slice(beyond),
             }
-            filter_row(self.level, [above, here, below], &mut self.filtered);
-            disparity[y * width..(y + 1) * width].copy_from_slice(&self.filtered[..width]);
+            filter_row(level, [above, here, below], filtered);
+            band[y * width..(y + 1) * width].copy_from_slice(&filtered[..width]);
             std::mem::swap(above, here);
             std::mem::swap(here, below);
         }
@@ -127,6 +166,7 @@ impl Median {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stereo::Crew;
 
     #[test]
     fn the_filter_equals_sorting_at_every_level() {
@@ -154,9 +194,12 @@ mod tests {
                 })
                 .collect();
             for level in Level::available() {
-                let mut filtered = map.clone();
-                Median::new(level, width).apply(&mut filtered);
-                assert_eq!(filtered, expected, "{width}x{height} {}", level.name());
+                for threads in [1, 2, 5] {
+                    let crew = Crew::new(threads, |_| ()).unwrap();
+                    let mut filtered = map.clone();
+                    crew.lead(|| Median::new(level, width, threads).apply(&mut filtered));
+                    assert_eq!(filtered, expected, "{width}x{height} {} on {threads}", level.name());
+                }
             }
         }
     }

@@ -53,6 +53,7 @@
 pub mod blocks;
 pub mod confidence;
 pub mod cost;
+pub mod crew;
 pub mod device;
 mod disparity;
 pub mod energy;
@@ -72,6 +73,7 @@ pub mod viterbi;
 pub mod winner;
 mod worker;
 
+pub use crew::{Crew, CrewError};
 pub use disparity::DisparityView;
 pub use matcher::{MatchError, MatchOutput, Matcher, MatcherError};
 pub use mpv::{Mpv, MpvParameters, Search};

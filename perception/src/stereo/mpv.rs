@@ -7,6 +7,7 @@
 use super::blocks::{BLOCK, Blocks};
 use super::confidence::ConfidenceFilter;
 use super::cost::CostParameters;
+use super::crew::Crew;
 use super::disparity::DisparityView;
 use super::energy::{EnergyRow, Volumes};
 use super::fill::{BridgeParameters, Fill};
@@ -78,8 +79,6 @@ pub struct MpvParameters {
     pub bridge: BridgeParameters,
     /// Whether all remaining holes are filled.
     pub complete: bool,
-    /// Number of threads; 1 uses only the calling thread. The result does not depend on it.
-    pub threads: usize,
 }
 
 impl Default for MpvParameters {
@@ -94,7 +93,6 @@ impl Default for MpvParameters {
             speckle: SpeckleParameters::default(),
             bridge: BridgeParameters::default(),
             complete: false,
-            threads: 1,
         }
     }
 }
@@ -120,6 +118,7 @@ struct PyramidScale {
 /// The Multi-Path-Viterbi matcher on the CPU, with its workspace.
 #[derive(Debug)]
 pub struct Mpv {
+    crew: Crew,
     search: Search,
     slopes: bool,
     level: Level,
@@ -190,13 +189,29 @@ impl Mpv {
         height: usize,
         disparities: usize,
     ) -> Result<Self, MatcherError> {
+        Self::with_crew(Crew::default(), level, parameters, search, width, height, disparities)
+    }
+
+    /// As [`Self::at_level`], on the threads of a crew. The results are the same for any number of threads.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_crew(
+        crew: Crew,
+        level: Level,
+        parameters: MpvParameters,
+        search: Search,
+        width: usize,
+        height: usize,
+        disparities: usize,
+    ) -> Result<Self, MatcherError> {
+        let threads = crew.threads();
         Self::check(width, height, disparities)?;
         let sizes = sizes(parameters.scales, width, height, disparities);
         let finest = sizes.len() - 1;
         let mut pyramid: Vec<PyramidScale> = Vec::with_capacity(sizes.len());
         for (i, &(w, h, d)) in sizes.iter().enumerate() {
-            let mut solver =
-                Solver::new(parameters.cost, parameters.paths, level, w, h, d, parameters.threads);
+            let mut solver = Solver::new(parameters.cost, parameters.paths, level, w, h, d, threads);
             let everything = i == 0 || (i == finest && search == Search::Full);
             let vectors = if everything {
                 solver.scale.blocks.vectors()
@@ -213,7 +228,7 @@ impl Mpv {
             let (winner, speckle) = choices(&parameters, i == finest);
             pyramid.push(PyramidScale {
                 winners: std::array::from_fn(|_| Winner::new(winner, level, w, d)),
-                speckle: SpeckleFilter::new(speckle, w, h),
+                speckle: SpeckleFilter::new(level, speckle, w, h, threads),
                 left: vec![0; kept],
                 right: vec![0; kept],
                 disparity: vec![0; kept],
@@ -225,6 +240,7 @@ impl Mpv {
         }
         let vectors = pyramid.iter().map(|s| s.vectors).max().unwrap_or(0);
         Ok(Self {
+            crew,
             search,
             slopes: parameters.slopes,
             level,
@@ -232,10 +248,10 @@ impl Mpv {
             height,
             pyramid,
             volumes: Volumes::new(vectors),
-            median: Median::new(level, width),
-            confidence_filter: ConfidenceFilter::new(level, width),
+            median: Median::new(level, width, threads),
+            confidence_filter: ConfidenceFilter::new(level, width, threads),
             min_confidence: parameters.min_confidence,
-            fill: Fill::new(parameters.bridge, width),
+            fill: Fill::new(parameters.bridge, width, threads),
             complete: parameters.complete,
             most: ((disparities - 1) * 256) as u16,
             nodes: 0,
@@ -265,6 +281,81 @@ impl Mpv {
         if self.complete {
             self.fill.complete(left, disparity, confidence);
         }
+    }
+
+    /// Matches a pair of the right size, scale by scale. Returns how often the resolution of the result was halved.
+    fn match_scales(
+        &mut self,
+        left: GreyView<'_>,
+        right: GreyView<'_>,
+        output: MatchOutput<'_>,
+        go_on: &mut (dyn FnMut() -> bool + Send),
+    ) -> u32 {
+        self.build_pyramid(left, right);
+        self.nodes = 0;
+        let finest = self.pyramid.len() - 1;
+        for i in 0..=finest {
+            let (coarser, rest) = self.pyramid.split_at_mut(i);
+            let current = &mut rest[0];
+            let (width, height) = (current.solver.scale.width(), current.solver.scale.height());
+            let coarse = coarser.last().and_then(|c| {
+                DisparityView::new(&c.disparity, c.solver.scale.width(), c.solver.scale.height())
+            });
+            if let Some(coarse) = coarse {
+                let windows = i < finest || self.search == Search::Windows;
+                current.solver.scale.blocks.plan(
+                    self.level,
+                    coarse,
+                    self.slopes,
+                    windows.then_some((current.widest, current.vectors)),
+                    self.crew.threads() > 1,
+                );
+            }
+            self.nodes += current.solver.scale.blocks.nodes();
+            let (l, r, disparity, confidence) = if i == finest {
+                (left, right, &mut *output.disparity, &mut *output.confidence)
+            } else {
+                let view = |pixels| GreyView::new(pixels, width, height, width);
+                match (view(&current.left), view(&current.right)) {
+                    (Ok(l), Ok(r)) => (l, r, &mut current.disparity[..], &mut current.confidence[..]),
+                    _ => continue,
+                }
+            };
+            let [above, below] = &mut current.winners;
+            let map = (&mut *disparity, &mut *confidence);
+            let receive = move |middle: usize| {
+                let cut = middle * width;
+                let (upper_disparity, lower_disparity) = map.0.split_at_mut(cut);
+                let (upper_confidence, lower_confidence) = map.1.split_at_mut(cut);
+                let upper = move |row: EnergyRow<'_>| {
+                    let pixels = row.y * width..(row.y + 1) * width;
+                    above.row(row, &mut upper_disparity[pixels.clone()], &mut upper_confidence[pixels]);
+                };
+                let lower = move |row: EnergyRow<'_>| {
+                    let pixels = row.y * width - cut..(row.y + 1) * width - cut;
+                    below.row(row, &mut lower_disparity[pixels.clone()], &mut lower_confidence[pixels]);
+                };
+                (upper, lower)
+            };
+            // The coarsest scale always finishes.
+            let mut always = || true;
+            let go_on_here: &mut (dyn FnMut() -> bool + Send) =
+                if i == 0 { &mut always } else { &mut *go_on };
+            let done = current.solver.solve(l, r, &mut self.volumes, go_on_here, receive);
+            if !done {
+                let (coarse, times) = (&self.pyramid[i - 1], (finest + 1 - i) as u32);
+                let map = Coarse { disparity: &coarse.disparity, confidence: &coarse.confidence, times };
+                double(map, self.width, self.most, output.disparity, output.confidence);
+                self.finish(left, output);
+                return times;
+            }
+            if i < finest {
+                current.speckle.apply(disparity);
+                clear_unknown(disparity, confidence);
+            }
+        }
+        self.finish(left, output);
+        0
     }
 
     /// Downsamples the pair to all coarser scales.
@@ -350,7 +441,7 @@ impl Matcher for Mpv {
         left: GreyView<'_>,
         right: GreyView<'_>,
         output: MatchOutput<'_>,
-        go_on: &mut dyn FnMut() -> bool,
+        go_on: &mut (dyn FnMut() -> bool + Send),
     ) -> Result<u32, MatchError> {
         let (expected_width, expected_height) = (self.width, self.height);
         for (which, image) in [("left", &left), ("right", &right)] {
@@ -365,65 +456,8 @@ impl Matcher for Mpv {
                 return Err(MatchError::Output { given, needed });
             }
         }
-        self.build_pyramid(left, right);
-        self.nodes = 0;
-        let finest = self.pyramid.len() - 1;
-        for i in 0..=finest {
-            let (coarser, rest) = self.pyramid.split_at_mut(i);
-            let current = &mut rest[0];
-            let (width, height) = (current.solver.scale.width(), current.solver.scale.height());
-            let coarse = coarser.last().and_then(|c| {
-                DisparityView::new(&c.disparity, c.solver.scale.width(), c.solver.scale.height())
-            });
-            if let Some(coarse) = coarse {
-                let windows = i < finest || self.search == Search::Windows;
-                current.solver.scale.blocks.plan(
-                    self.level,
-                    coarse,
-                    self.slopes,
-                    windows.then_some((current.widest, current.vectors)),
-                );
-            }
-            self.nodes += current.solver.scale.blocks.nodes();
-            let (l, r, disparity, confidence) = if i == finest {
-                (left, right, &mut *output.disparity, &mut *output.confidence)
-            } else {
-                let view = |pixels| GreyView::new(pixels, width, height, width);
-                match (view(&current.left), view(&current.right)) {
-                    (Ok(l), Ok(r)) => (l, r, &mut current.disparity[..], &mut current.confidence[..]),
-                    _ => continue,
-                }
-            };
-            let [above, below] = &mut current.winners;
-            let cut = current.solver.scale.middle() * width;
-            let (upper_disparity, lower_disparity) = disparity.split_at_mut(cut);
-            let (upper_confidence, lower_confidence) = confidence.split_at_mut(cut);
-            let upper = |row: EnergyRow<'_>| {
-                let pixels = row.y * width..(row.y + 1) * width;
-                above.row(row, &mut upper_disparity[pixels.clone()], &mut upper_confidence[pixels]);
-            };
-            let lower = |row: EnergyRow<'_>| {
-                let pixels = row.y * width - cut..(row.y + 1) * width - cut;
-                below.row(row, &mut lower_disparity[pixels.clone()], &mut lower_confidence[pixels]);
-            };
-            // The coarsest scale always finishes.
-            let mut always = || true;
-            let go_on_here: &mut dyn FnMut() -> bool = if i == 0 { &mut always } else { &mut *go_on };
-            let done = current.solver.solve(l, r, &mut self.volumes, go_on_here, upper, lower);
-            if !done {
-                let (coarse, times) = (&self.pyramid[i - 1], (finest + 1 - i) as u32);
-                let map = Coarse { disparity: &coarse.disparity, confidence: &coarse.confidence, times };
-                double(map, self.width, self.most, output.disparity, output.confidence);
-                self.finish(left, output);
-                return Ok(times);
-            }
-            if i < finest {
-                current.speckle.apply(disparity);
-                clear_unknown(disparity, confidence);
-            }
-        }
-        self.finish(left, output);
-        Ok(0)
+        let crew = self.crew.clone();
+        Ok(crew.lead(|| self.match_scales(left, right, output, go_on)))
     }
 
     fn nodes(&self) -> usize {

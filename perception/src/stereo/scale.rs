@@ -2,7 +2,6 @@
 //! All threads of [`super::solver::Solver`] share it.
 
 use super::blocks::Blocks;
-use super::cost::STRIP;
 use super::viterbi::{Merge, PAD};
 use crate::image::GreyView;
 use crate::simd::{LANES, Lanes, Level};
@@ -128,11 +127,6 @@ impl Scale {
     /// Bytes of memory held.
     pub(super) fn bytes(&self) -> usize {
         self.fresh.len() * LANES + self.guide.len() + self.blocks.bytes()
-    }
-
-    /// First row of the lower part of the image; see [`super::solver::Solver::solve`].
-    pub fn middle(&self) -> usize {
-        self.blocks.strips() / 2 * STRIP
     }
 
     /// Copies the left image and replicates its border columns.

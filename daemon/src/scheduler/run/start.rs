@@ -165,6 +165,7 @@ pub(super) fn launch(
     Launch {
         config: config.clone(),
         core: None,
+        helper_cores: Vec::new(),
         scheduler_pid: std::process::id(),
         frames,
         lockstep: options.lockstep,

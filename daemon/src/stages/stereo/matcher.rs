@@ -1,9 +1,11 @@
 //! Construction of matchers from method and backend.
 
 use super::parameters::mpv_parameters;
+use crate::stages::whole_number::whole;
 use clap::ValueEnum;
 use config::Config;
-use perception::stereo::{Matcher, MatcherError, Mpv, Search};
+use perception::simd::Level;
+use perception::stereo::{Crew, CrewError, Matcher, MatcherError, Mpv, MpvParameters, Search};
 use serde::Serialize;
 use thiserror::Error;
 
@@ -36,6 +38,9 @@ pub enum BackendError {
     /// The matcher does not support the size or the disparities.
     #[error(transparent)]
     Matcher(#[from] MatcherError),
+    /// The matcher's threads cannot be started.
+    #[error(transparent)]
+    Crew(#[from] CrewError),
     /// This build has no GPU matcher.
     #[cfg(not(feature = "gpu"))]
     #[error(
@@ -94,8 +99,25 @@ impl Method {
         if let Some(matcher) = on_gpu(self.search(), backend, config, width, height, disparities)? {
             return Ok(matcher);
         }
-        Ok(Box::new(Mpv::new(mpv_parameters(config), self.search(), width, height, disparities)?))
+        let crew = crew(config)?;
+        Ok(Box::new(on_cpu(crew, mpv_parameters(config), self.search(), width, height, disparities)?))
     }
+}
+
+/// The threads of the configuration: those of the calling thread, if it has some.
+fn crew(config: &Config) -> Result<Crew, CrewError> {
+    Crew::new(whole(config.stereo.threads), |_| ())
+}
+
+fn on_cpu(
+    crew: Crew,
+    parameters: MpvParameters,
+    search: Search,
+    width: usize,
+    height: usize,
+    disparities: usize,
+) -> Result<Mpv, MatcherError> {
+    Mpv::with_crew(crew, Level::best(), parameters, search, width, height, disparities)
 }
 
 /// Checks the configured backend at start, without creating a matcher.
@@ -166,7 +188,7 @@ fn on_gpu(
     if backend == Backend::Cpu {
         return Ok(None);
     }
-    let parameters = mpv_parameters(config);
+    let (parameters, crew) = (mpv_parameters(config), crew(config)?);
     let made = GpuMpv::new(&options(backend, config), parameters, search, width, height, disparities)
         .and_then(|mut gpu| {
             gpu.verify(&mut Mpv::new(parameters, search, width, height, disparities)?)?;
@@ -175,7 +197,7 @@ fn on_gpu(
     match made {
         Ok(gpu) => {
             let replacement = move || -> Result<Box<dyn Matcher>, MatcherError> {
-                Ok(Box::new(Mpv::new(parameters, search, width, height, disparities)?))
+                Ok(Box::new(on_cpu(crew.clone(), parameters, search, width, height, disparities)?))
             };
             Ok(Some(Box::new(Fallback::new(Box::new(gpu), Box::new(replacement)))))
         }

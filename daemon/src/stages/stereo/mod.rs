@@ -3,9 +3,10 @@
 mod calibration;
 pub mod matcher;
 pub mod parameters;
+mod threads;
 
 use super::stage::{FrameContext, FrameError, SetupError, Stage};
-use crate::launch::FrameFormat;
+use crate::launch::{FrameFormat, Launch};
 use calibration::CalibrationMonitor;
 use config::Config;
 use matcher::{Backend, Method};
@@ -112,6 +113,10 @@ impl Stage for StereoStage {
             height,
             loss_logged: false,
         })
+    }
+
+    fn enter(launch: &Launch) -> Result<(), SetupError> {
+        threads::start(launch)
     }
 
     fn check(config: &Config, format: &FrameFormat) -> Result<(), SetupError> {

@@ -41,7 +41,6 @@ pub fn mpv_parameters(config: &Config) -> MpvParameters {
         speckle: SpeckleParameters { min_pixels: whole(c.speckle_pixels), ..default.speckle },
         bridge: BridgeParameters { widest_px: whole(c.bridge_px), ..default.bridge },
         complete: c.fill,
-        threads: whole(c.threads),
     }
 }
 

@@ -113,7 +113,7 @@ impl GpuMpv {
             patience: options.patience,
             adapter,
             driver,
-            fill: Fill::new(parameters.bridge, width),
+            fill: Fill::new(parameters.bridge, width, 1),
             complete: parameters.complete,
             work: Some(Box::new(Work { engine, program, slots })),
             loss: None,
@@ -228,7 +228,7 @@ impl Matcher for GpuMpv {
         left: GreyView<'_>,
         right: GreyView<'_>,
         output: MatchOutput<'_>,
-        _: &mut dyn FnMut() -> bool,
+        _: &mut (dyn FnMut() -> bool + Send),
     ) -> Result<u32, MatchError> {
         let needed = self.width * self.height;
         for given in [output.disparity.len(), output.confidence.len()] {

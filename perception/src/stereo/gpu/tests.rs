@@ -330,7 +330,7 @@ fn plans_equal_those_of_the_cpu() {
             blocks.reserve(w, h);
             let budget = crate::stereo::mpv::budget(&blocks, disparities);
             let coarse = crate::stereo::DisparityView::new(&map, w, h).unwrap();
-            blocks.plan(Level::PLAIN, coarse, true, Some((96, budget)));
+            blocks.plan(Level::PLAIN, coarse, true, Some((96, budget)), false);
 
             engine.queue.write_buffer(&program.scales[0].map, 0, bytemuck::cast_slice(&words));
             let mut encoder =

@@ -95,8 +95,10 @@ fn levels_agree_and_no_size_panics() {
                 );
             }
             for threads in [2, 3, 7] {
-                let parameters = MpvParameters { complete: i % 3 == 0, threads, ..MpvParameters::default() };
-                let mut matcher = Mpv::new(parameters, search, width, height, disparities).unwrap();
+                let parameters = MpvParameters { complete: i % 3 == 0, ..MpvParameters::default() };
+                let (crew, level) = (Crew::new(threads, |_| ()).unwrap(), Level::best());
+                let mut matcher =
+                    Mpv::with_crew(crew, level, parameters, search, width, height, disparities).unwrap();
                 for _ in 0..2 {
                     assert!(compute(&mut matcher, &pair) == results[0].1, "{threads} threads differ");
                 }
@@ -114,8 +116,10 @@ fn levels_agree_and_no_size_panics() {
 fn at_the_deadline_the_finest_finished_scale_is_returned() {
     let (width, height, shift) = (256, 128, 20);
     let pair = moved(width, height, shift, 3);
-    for search in [Search::Windows, Search::Full] {
-        let mut matcher = Mpv::new(MpvParameters::default(), search, width, height, 64).unwrap();
+    for (search, threads) in [Search::Windows, Search::Full].map(|s| [1, 2, 3].map(|t| (s, t))).concat() {
+        let (crew, level) = (Crew::new(threads, |_| ()).unwrap(), Level::best());
+        let mut matcher =
+            Mpv::with_crew(crew, level, MpvParameters::default(), search, width, height, 64).unwrap();
         let complete = compute(&mut matcher, &pair);
         let mut reached = Vec::new();
         for patience in 0..40 {

@@ -8,6 +8,7 @@ use super::super::worker::slope_step;
 use super::*;
 use crate::image::GreyImage;
 use crate::simd::LANES;
+use crate::stereo::Crew;
 
 /// Energies of one pixel's window: (disparity, energy).
 type Nodes = Vec<(usize, u8)>;
@@ -140,7 +141,7 @@ fn final_energies_equal_the_reference_at_every_level() {
         let mut expected: Option<Vec<Nodes>> = None;
         let seed = random.u64(..);
         let levels = Level::available().into_iter();
-        let ways = [(1, false), (1, true), (2, false), (3, true)];
+        let ways = [(1, false), (1, true), (2, false), (2, true), (3, true)];
         for (level, (threads, spare)) in levels.flat_map(|level| ways.map(|way| (level, way))) {
             let mut solver = Solver::new(cost, parameters, level, width, height, disparities, threads);
             if round > 0 {
@@ -170,8 +171,8 @@ fn final_energies_equal_the_reference_at_every_level() {
                     }
                 };
                 let (l, r) = (left.view(), right.view());
-                let done = solver.solve(l, r, &mut volumes, &mut || true, take, take);
-                assert!(done);
+                let crew = Crew::new(threads, |_| ()).unwrap();
+                assert!(crew.lead(|| solver.solve(l, r, &mut volumes, &mut || true, |_| (take, take))));
                 let expected = expected.get_or_insert_with(|| reference(&solver.scale, &left, &right));
                 for (i, (got, expected)) in got.iter().zip(expected.iter()).enumerate() {
                     assert_eq!(
@@ -184,4 +185,21 @@ fn final_energies_equal_the_reference_at_every_level() {
             }
         }
     }
+}
+
+#[test]
+fn a_thread_takes_strips_of_the_other_only_if_that_is_far_behind() {
+    let blocks = Blocks::new(64, 6 * STRIP, 8);
+    let mut volumes = Volumes::new(blocks.vectors());
+    let strip = |part: Part<'_>| {
+        assert_eq!((part.strips.len(), part.base), (1, blocks.start(part.strips.start)));
+        assert_eq!(part.merged.len(), blocks.start(part.strips.end) - part.base);
+        part.strips.start
+    };
+    let untaken = Untaken::new(&blocks, &mut volumes, 2);
+    let mut take = |sweep| untaken.take(sweep).map(strip);
+    // Two strips are meant for the sweep downwards; the other has only begun.
+    assert_eq!([Sweep::Down, Sweep::Up, Sweep::Down].map(&mut take), [Some(0), Some(5), Some(1)]);
+    assert_eq!([Sweep::Down, Sweep::Down].map(&mut take), [Some(2), Some(3)]);
+    assert_eq!([Sweep::Down, Sweep::Up, Sweep::Up].map(&mut take), [None, Some(4), None]);
 }

@@ -42,6 +42,8 @@ pub enum Packing {
     Pairs,
     /// Four rows of 8 bits, the second word unused; the third word of the left image has one.
     Quads,
+    /// The same without an offset.
+    PlainQuads,
 }
 
 /// Constants of the matching cost for [`Simd::score`], the same for a whole image.
@@ -51,6 +53,8 @@ pub struct CostConstants {
     pub bias: i32,
     /// The cost at similarity 0, plus half a unit for rounding.
     pub middle: f32,
+    /// Subtracted from each grey value of the right image, but in the words of [`Packing::PlainQuads`].
+    pub right_offset: i32,
     /// Truncation of the gradient difference, in grey levels; each level costs two units.
     pub gradient_limit: u8,
 }
@@ -155,6 +159,16 @@ pub trait Simd: Copy {
     fn shift_left(self, own: Self::Bytes, right: Self::Bytes) -> Self::Bytes;
     /// Transposes the 32 × 32 block of the vectors 0, `stride`, 2·`stride`… of `block`, in place.
     fn transpose(self, block: &mut [Lanes], stride: usize);
+
+    /// Words of the bytes of four rows in each column, the first in the lowest bits, less `offset`. All are as long as
+    /// `words`.
+    #[inline(always)]
+    fn interleave(self, rows: [&[u8]; 4], offset: u8, words: &mut [u32]) {
+        let [a, b, c, d] = rows;
+        for (word, (((&a, &b), &c), &d)) in words.iter_mut().zip(a.iter().zip(b).zip(c).zip(d)) {
+            *word = u32::from_le_bytes([a, b, c, d].map(|v| v.wrapping_sub(offset)));
+        }
+    }
 
     /// Matching costs of the [`LANES`] pixels of a tile for `out.len()` disparities, the first of which is
     /// `low`. The words of `left` start two columns before the tile, its statistics at the tile. `right` is

@@ -1,7 +1,7 @@
 //! Vectors of 32 bytes and the instruction-set levels that implement their operations.
 //!
-//! Kernels are written once, generic over [`Simd`], and compiled once for each level: plain Rust, NEON,
-//! AVX2, AVX-512. All levels do the same arithmetic on the same lanes, so their results are bit-identical.
+//! Kernels are written once, generic over [`Simd`], and compiled once for each level: plain Rust, NEON with and without
+//! `dotprod`, AVX2, AVX-512. All levels do the same arithmetic on the same lanes, so their results are bit-identical.
 //! [`Level::best`] selects the fastest level at run time.
 
 #[cfg(target_arch = "x86_64")]
@@ -28,6 +28,8 @@ pub(crate) enum Kind {
     Plain,
     #[cfg(target_arch = "aarch64")]
     Neon,
+    #[cfg(target_arch = "aarch64")]
+    Dotprod,
     #[cfg(target_arch = "x86_64")]
     Avx2,
     #[cfg(target_arch = "x86_64")]
@@ -65,7 +67,12 @@ impl Level {
         #[allow(unused_mut)]
         let mut levels = vec![Self::PLAIN];
         #[cfg(target_arch = "aarch64")]
-        levels.push(Level(Kind::Neon));
+        {
+            levels.push(Level(Kind::Neon));
+            if std::arch::is_aarch64_feature_detected!("dotprod") {
+                levels.push(Level(Kind::Dotprod));
+            }
+        }
         #[cfg(target_arch = "x86_64")]
         {
             let avx2 = is_x86_feature_detected!("avx2");
@@ -83,12 +90,14 @@ impl Level {
         levels
     }
 
-    /// Name of the level: `plain`, `neon`, `avx2` or `avx512`.
+    /// Name of the level: `plain`, `neon`, `dotprod`, `avx2` or `avx512`.
     pub fn name(self) -> &'static str {
         match self.0 {
             Kind::Plain => "plain",
             #[cfg(target_arch = "aarch64")]
             Kind::Neon => "neon",
+            #[cfg(target_arch = "aarch64")]
+            Kind::Dotprod => "dotprod",
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 => "avx2",
             #[cfg(target_arch = "x86_64")]
@@ -115,10 +124,19 @@ macro_rules! kernel {
             fn avx512($($arg: $type),*) {
                 $generic($crate::simd::avx512::Avx512::new(), $($arg),*)
             }
+            #[cfg(target_arch = "aarch64")]
+            #[target_feature(enable = "neon,dotprod")]
+            #[allow(clippy::too_many_arguments)]
+            fn dotprod($($arg: $type),*) {
+                $generic($crate::simd::neon::Neon::<true>::new(), $($arg),*)
+            }
             match level.0 {
                 $crate::simd::Kind::Plain => $generic($crate::simd::plain::Plain, $($arg),*),
                 #[cfg(target_arch = "aarch64")]
-                $crate::simd::Kind::Neon => $generic($crate::simd::neon::Neon, $($arg),*),
+                $crate::simd::Kind::Neon => $generic($crate::simd::neon::Neon::<false>::new(), $($arg),*),
+                // SAFETY: a `Level` of this kind is created only after the feature was detected.
+                #[cfg(target_arch = "aarch64")]
+                $crate::simd::Kind::Dotprod => unsafe { dotprod($($arg),*) },
                 // SAFETY: a `Level` of this kind is created only after the feature was detected.
                 #[cfg(target_arch = "x86_64")]
                 $crate::simd::Kind::Avx2 => unsafe { avx2($($arg),*) },

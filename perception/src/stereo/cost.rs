@@ -41,6 +41,9 @@ const WORD_ROWS: usize = STRIP + 2 * RADIUS;
 /// Columns beyond the last window that vector loads may touch.
 const OVERRUN: usize = 16;
 
+/// Subtracted from the grey values of the right image: they are then bytes with a sign.
+const RIGHT_OFFSET: i32 = 128;
+
 /// Default of [`CostParameters::k2`].
 pub const DEFAULT_K2: f64 = 0.03;
 
@@ -67,7 +70,12 @@ impl CostParameters {
     }
 
     fn constants(&self) -> CostConstants {
-        CostConstants { bias: self.bias(), middle: STRUCTURE + 0.5, gradient_limit: self.gradient_limit }
+        CostConstants {
+            bias: self.bias(),
+            middle: STRUCTURE + 0.5,
+            right_offset: RIGHT_OFFSET,
+            gradient_limit: self.gradient_limit,
+        }
     }
 }
 
@@ -149,7 +157,7 @@ impl Plane {
 
 /// Packs the rows of a plane into words.
 #[inline(always)]
-fn pack<S: Simd>(_: S, plane: &mut Plane) {
+fn pack<S: Simd>(s: S, plane: &mut Plane) {
     let columns = plane.columns;
     let offset = plane.offset;
     let rows = |i: usize| &plane.grey[i * columns..(i + 1) * columns];
@@ -161,12 +169,9 @@ fn pack<S: Simd>(_: S, plane: &mut Plane) {
                     *word = value(a) | value(b) << 16;
                 }
             }
-            Packing::Quads => {
-                let four = rows(i).iter().zip(rows(i + 1)).zip(rows(i + 2)).zip(rows(i + 3));
-                for (word, (((&a, &b), &c), &d)) in words.iter_mut().zip(four) {
-                    let value = |v: u8| u32::from(v.wrapping_sub(offset as u8));
-                    *word = value(a) | value(b) << 8 | value(c) << 16 | value(d) << 24;
-                }
+            Packing::Quads | Packing::PlainQuads => {
+                let offset = if S::PACKING == Packing::Quads { offset as u8 } else { 0 };
+                s.interleave([rows(i), rows(i + 1), rows(i + 2), rows(i + 3)], offset, words);
             }
         }
     }
@@ -296,7 +301,7 @@ impl CostStrip {
             width,
             left: Plane::new(0, 0, width),
             // A multiple of the vector length: remaining columns would be prepared one by one.
-            right: Plane::new(disparities.next_multiple_of(LANES), 128, width),
+            right: Plane::new(disparities.next_multiple_of(LANES), RIGHT_OFFSET, width),
         }
     }
 

@@ -322,11 +322,12 @@ impl Scale {
         go_on: &mut (dyn FnMut() -> bool + Send),
         receive: impl FnOnce(usize) -> (U, L),
     ) -> bool {
+        // At least once: this thread may take no strip, if it comes late.
+        if !go_on() {
+            return false;
+        }
         let has_helpers = crew.len() > 2;
         if has_helpers {
-            if !go_on() {
-                return false;
-            }
             self.first_layers(crew, pair, &Untaken::new(&self.blocks, volumes, self.blocks.strips()));
         }
         let pair = Some(pair).filter(|_| !has_helpers);

@@ -86,7 +86,7 @@ pub enum Merge {
 
 /// Advances [`crate::simd::LANES`] independent paths by one pixel: from `before` (padded energies of the
 /// previous pixel; `least` is their minimum in each lane) to the window in `after`. Returns the minimum of
-/// the new energies. `out` receives the window, merged with its previous content.
+/// the new energies. `out` receives the window, merged with its previous content by `merge`, which is given both.
 /// `half` is scratch memory of at least the window's length.
 ///
 /// A single sweep would be bound by the latency of its own sum, so both sweeps run at the same time from
@@ -105,7 +105,7 @@ pub(super) fn single_step<S: Simd>(
     truncation: u8,
     slope: i8,
     span: Span,
-    merge: Merge,
+    merge: impl Fn(S::Bytes, &Lanes) -> S::Bytes + Copy,
     half: &mut [Lanes],
 ) -> Lanes {
     let n = span.high - span.low;
@@ -140,12 +140,7 @@ pub(super) fn single_step<S: Simd>(
             let total = s.add(s.load(&data[$i]), jump);
             lowest = s.min(lowest, total);
             s.store(total, &mut after[$i]);
-            let kept = match merge {
-                Merge::First => total,
-                Merge::Min => s.min(total, s.load(&out[$i])),
-                Merge::Mean => s.mean(total, s.load(&out[$i])),
-            };
-            s.store(kept, &mut out[$i]);
+            s.store(merge(total, &out[$i]), &mut out[$i]);
         };
     }
     if n % 2 == 1 {
@@ -182,7 +177,17 @@ fn single_alone<S: Simd>(
     merge: Merge,
     half: &mut [Lanes],
 ) {
-    *least = single_step(s, before, *least, after, data, out, weight, truncation, slope, span, merge, half);
+    // A step for each way of merging: a choice within the step costs a tenth of it.
+    macro_rules! step {
+        ($merge:expr) => {
+            single_step(s, before, *least, after, data, out, weight, truncation, slope, span, $merge, half)
+        };
+    }
+    *least = match merge {
+        Merge::First => step!(|total, _| total),
+        Merge::Min => step!(|total, kept| s.min(total, s.load(kept))),
+        Merge::Mean => step!(|total, kept| s.mean(total, s.load(kept))),
+    };
 }
 
 /// The padded energies of the three paths through a tile.

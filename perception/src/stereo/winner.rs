@@ -187,6 +187,17 @@ const DISAGREEMENT: u8 = 30;
 /// Border columns left of the right view: x − d never lies before them.
 const LEAD: usize = 256;
 
+/// The number of each lane.
+const COUNTING: Lanes = {
+    let mut lanes = Lanes::ZERO;
+    let mut lane = 0;
+    while lane < LANES {
+        lanes.0[lane] = lane as u8;
+        lane += 1;
+    }
+    lanes
+};
+
 /// Selects winners row by row, with memory allocated once.
 #[derive(Debug)]
 pub struct Winner {
@@ -263,12 +274,12 @@ fn take<S: Simd>(
             Ok(landing) => landing,
             Err(_) => continue,
         };
-        let (mut seen, mut column) = (Lanes::ZERO, Lanes::ZERO);
+        let mut seen = Lanes::ZERO;
         for lane in 0..LANES {
             seen.0[lane] = u8::MAX - landing[LEAD + lane - usize::from(winners.place.0[lane])] as u8;
-            // From column 255 on every disparity stays within the image.
-            column.0[lane] = (x + lane).min(255) as u8;
         }
+        // Saturated: from column 255 on every disparity stays within the image.
+        let column = s.add(s.splat(x.min(255) as u8), s.load(&COUNTING));
         let (place, sure) = (s.load(&winners.place), s.load(&winners.confidence));
         let seen = s.load(&seen);
         let difference = s.max(s.sub(seen, place), s.sub(place, seen));
@@ -276,7 +287,7 @@ fn take<S: Simd>(
         let sure = s.select_equal(difference, zero, sure, unsure);
         // Greater than zero where any test rejects the winner.
         let mut doubt = s.sub(difference, most);
-        doubt = s.max(doubt, s.sub(place, s.load(&column)));
+        doubt = s.max(doubt, s.sub(place, column));
         doubt = s.max(doubt, s.sub(least, sure));
         doubt = s.max(doubt, s.sub(one, place));
         // An estimate has a confidence of at least 1.

@@ -205,7 +205,7 @@ fn horizontal_layer<S: Simd>(
                 truncation,
                 slope,
                 Span::new(block.window(), before, usize::from(slope != 0)).within(reach),
-                Merge::First,
+                |total, _| total,
                 &mut worker.half,
             );
             if before != block.window() {
@@ -216,9 +216,38 @@ fn horizontal_layer<S: Simd>(
             std::mem::swap(&mut old, &mut new);
         }
     }
-    // Leftwards, from the last column of the image.
-    before = (0, disparities);
-    least = Lanes::ZERO;
+    match scale.parameters.merging {
+        Merge::First => leftwards(s, scale, worker, strip, merged, base, costs, reach, |total, _| total),
+        Merge::Min => {
+            leftwards(s, scale, worker, strip, merged, base, costs, reach, |t, kept| s.min(t, s.load(kept)));
+        }
+        Merge::Mean => {
+            leftwards(s, scale, worker, strip, merged, base, costs, reach, |t, kept| s.mean(t, s.load(kept)));
+        }
+    }
+}
+
+/// The leftward paths of layer 1, from the last column of the image. `merge` merges them with what is there.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn leftwards<S: Simd>(
+    s: S,
+    scale: &Scale,
+    worker: &mut Worker,
+    strip: usize,
+    merged: &mut [Lanes],
+    base: usize,
+    costs: &[Lanes],
+    reach: usize,
+    merge: impl Fn(S::Bytes, &Lanes) -> S::Bytes + Copy,
+) {
+    let tiles = scale.blocks.tiles();
+    let first = scale.blocks.strip(strip)[0].at;
+    let disparities = scale.blocks.disparities();
+    let truncation = scale.parameters.truncation_horizontal;
+    let [mut old, mut new] = worker.columns.each_mut().map(|column| &mut column[..]);
+    let mut before = (0, disparities);
+    let mut least = Lanes::ZERO;
     old[PAD..PAD + disparities].fill(Lanes::ZERO);
     for tile in (0..tiles).rev() {
         let block = scale.blocks.strip(strip)[tile];
@@ -242,7 +271,7 @@ fn horizontal_layer<S: Simd>(
                 truncation,
                 slope,
                 Span::new(block.window(), before, usize::from(slope != 0)).within(reach),
-                scale.parameters.merging,
+                merge,
                 &mut worker.half,
             );
             if before != block.window() {

@@ -200,7 +200,7 @@ fn dashes(corners: [[f64; 2]; 4]) -> Vec<Point2> {
 pub fn annotations(stamp: Stamp, record: &FrameRecord) -> Message {
     let timestamp = stamp.timestamp();
     let mut message = ImageAnnotations { timestamp, ..Default::default() };
-    for o in &record.obstacles {
+    for o in record.obstacles.iter().filter(|o| o.is_shown()) {
         let (x, y) = (f64::from(o.x_px), f64::from(o.y_px));
         let (right, bottom) = (x + f64::from(o.width_px), y + f64::from(o.height_px));
         let corners = [[x, y], [right, y], [right, bottom], [x, bottom]];

@@ -94,7 +94,7 @@ fn draw_with(input: OverlayInput<'_>, record: &FrameRecord, with_text: bool) -> 
         }
     }
     // Far ones first, so that near ones are drawn over them.
-    let mut order: Vec<&ObstacleLine> = record.obstacles.iter().collect();
+    let mut order: Vec<&ObstacleLine> = record.obstacles.iter().filter(|o| o.is_shown()).collect();
     order.sort_by(|a, b| b.distance_m.total_cmp(&a.distance_m));
     for obstacle in order {
         let colour = of_obstacle(record, obstacle);
@@ -151,7 +151,7 @@ fn header_lines(record: &FrameRecord, width: usize) -> Vec<String> {
 /// The labels of the obstacles, the cause of an alarm first, then the nearest; none within `margin` px of the edge.
 fn draw_labels(picture: &mut Picture, record: &FrameRecord, header_lines: usize, margin: i32) {
     let is_labelled = |o: &&ObstacleLine| {
-        o.confirmed || (o.width_px >= MIN_LABELLED_PX && o.distance_m <= MAX_UNCONFIRMED_M)
+        o.confirmed || (o.is_shown() && o.width_px >= MIN_LABELLED_PX && o.distance_m <= MAX_UNCONFIRMED_M)
     };
     let mut order: Vec<&ObstacleLine> = record.obstacles.iter().filter(is_labelled).collect();
     order.sort_by(|a, b| {

@@ -161,6 +161,13 @@ impl AlarmLine {
     }
 }
 
+impl ObstacleLine {
+    /// Whether pictures show it: what was never confirmed and is not seen now is left out.
+    pub fn is_shown(&self) -> bool {
+        self.confirmed || !self.predicted
+    }
+}
+
 /// Such as "vehicle 12, 0.6 m into the path".
 impl fmt::Display for AlarmObject {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

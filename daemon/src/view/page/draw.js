@@ -59,7 +59,9 @@ function drawBoxes(frame) {
   view.dataset.sequence = frame.sequence;
   const scale = frame.width / Math.max(1, view.clientWidth || frame.width);
   const labels = placeLabels(frame, scale);
-  const boxes = [...frame.obstacles].sort((a, b) => b.distance_m - a.distance_m).map((o) => {
+  // What was never confirmed and is not seen now is not drawn; the table lists it.
+  const shown = frame.obstacles.filter((o) => o.confirmed || !o.predicted);
+  const boxes = shown.sort((a, b) => b.distance_m - a.distance_m).map((o) => {
     const isCause = isAbout(frame, o);
     const group = svg("g", { class: `box${o.confirmed ? " confirmed" : ""}${isCause ? " cause" : ""}${o.predicted ? " predicted" : ""}` });
     Object.assign(group.dataset, {

@@ -4,11 +4,13 @@
 #   systemd/cross-aarch64.sh prepare    a compiler with ARM libraries into target/cross (130 MB, once)
 #   systemd/cross-aarch64.sh build      target/cross/build/aarch64-unknown-linux-gnu/release/lookout
 #   systemd/cross-aarch64.sh test [ARGS of cargo test]   kernels (perception) by default
+#   systemd/cross-aarch64.sh test-armv7 [ARGS of cargo test]   the same on 32-bit ARM, whose kernels are plain
 #   systemd/cross-aarch64.sh check-armv7 [ARGS of cargo check]   whether 32-bit ARM compiles; perception by default
 #   systemd/cross-aarch64.sh userland FOLDER   the program in a foreign userland that was unpacked there
 #                                       (debootstrap --foreign --arch=arm64), under emulation
 #
-# Needs root's packages gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user-static. The compiler is
+# Needs root's packages gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user-static, for 32 bits
+# gcc-arm-linux-gnueabihf libc6-dev-armhf-cross. The compiler is
 # Debian's own rustc-web, unpacked, not installed: nothing of the system changes. Its libraries do not fit
 # other compilers. build prints the newest glibc that the program asks for: Debian 12 has 2.36, Ubuntu 22.04 2.35.
 set -euo pipefail
@@ -59,6 +61,8 @@ prepare_armv7() {
 
 export RUSTC=$cross/rustc CARGO_TARGET_DIR=${CROSS_TARGET_DIR:-$cross/build}
 export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc
+export CARGO_TARGET_ARMV7_UNKNOWN_LINUX_GNUEABIHF_LINKER=arm-linux-gnueabihf-gcc
+export CARGO_TARGET_ARMV7_UNKNOWN_LINUX_GNUEABIHF_RUNNER="qemu-arm-static -L /usr/arm-linux-gnueabihf"
 export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER="qemu-aarch64-static -L ${USERLAND:-/usr/aarch64-linux-gnu}"
 
 case ${1:-} in
@@ -78,6 +82,13 @@ case ${1:-} in
     [ $# -gt 0 ] || set -- -p lookout-perception --lib
     cargo test --release --locked --target $target "$@"
     ;;
+  test-armv7)
+    prepare
+    prepare_armv7
+    shift
+    [ $# -gt 0 ] || set -- -p lookout-perception --lib
+    cargo test --release --locked --target armv7-unknown-linux-gnueabihf "$@"
+    ;;
   check-armv7)
     prepare
     prepare_armv7
@@ -93,7 +104,7 @@ case ${1:-} in
     qemu-aarch64-static -L "$2" "$binary" replay scene:street --in-process --limit 3
     ;;
   *)
-    sed -n '2,14s/^# \{0,1\}//p' "$0" >&2
+    sed -n '2,16s/^# \{0,1\}//p' "$0" >&2
     exit 2
     ;;
 esac

@@ -6,7 +6,7 @@
 # --binary FILE  the program that is packaged, for amd64 or arm64     [target/release/lookout]
 # --tool FILE    the same version for this machine: it writes manual pages and completions [the binary]
 # --features LIST  the features with which the program was built, beside the default ones: what they link in is listed
-#                in the package's copyright                          [none]
+#                in the package's copyright; with gpu and gstreamer the service gets the devices of GPUs and CSI cameras [none]
 # --library DIR  where liblookout.so and liblookout.a of the same machine are (cargo build --release -p lookout-client-c): makes
 #                the package lookout-dev, too: header, libraries, pkg-config file, examples            [none]
 # --out DIR      where the package goes                               [target/package]
@@ -37,6 +37,10 @@ case $(readelf -h "$binary" | sed -n 's/ *Machine: *//p') in
 esac
 if [ "$arch" = "$(dpkg --print-architecture)" ]; then strip=strip; fi
 version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -1)
+# A package with features is another one, and newer than that without: 0.1.0+gpu.gstreamer.
+built_with=$(tr ', ' '\n\n' <<<"$features" | sed '/^$/d' | sort -u | paste -sd.)
+version=$version${built_with:++$built_with}
+has() { [[ .$built_with. == *."$1".* ]]; }
 # What the binary asks of the C library.
 libc=$(readelf --version-info "$binary" | grep -o 'GLIBC_[0-9.]*' | sort -uV | tail -1)
 libc=${libc#GLIBC_}
@@ -57,6 +61,18 @@ done
 put systemd/lookout.sysusers usr/lib/sysusers.d/lookout.conf
 put systemd/lookout.tmpfiles usr/lib/tmpfiles.d/lookout.conf
 put systemd/70-lookout.rules usr/lib/udev/rules.d/70-lookout.rules
+depends= recommends=
+if has gpu; then
+  put systemd/gpu.conf usr/lib/systemd/system/lookout.service.d/50-gpu.conf
+  put systemd/gpu.sysusers usr/lib/sysusers.d/lookout-gpu.conf
+  depends=$depends', libvulkan1' recommends='mesa-vulkan-drivers | vulkan-icd'
+fi
+if has gstreamer; then
+  put systemd/csi.conf usr/lib/systemd/system/lookout.service.d/50-csi.conf
+  put systemd/71-lookout-csi.rules usr/lib/udev/rules.d/71-lookout-csi.rules
+  depends=$depends', libglib2.0-0 | libglib2.0-0t64, libgstreamer1.0-0, libgstreamer-plugins-base1.0-0, gstreamer1.0-plugins-base'
+  recommends=${recommends:+$recommends, }'gstreamer1.0-plugins-good, gstreamer1.0-libcamera'
+fi
 put systemd/lookout.toml etc/lookout/lookout.toml
 for profile in config/profiles/*.toml; do
   put "$profile" "usr/share/lookout/profiles/$(basename "$profile")"
@@ -96,8 +112,9 @@ Version: $version
 Architecture: $arch
 Maintainer: The lookout project <lookout@lookout.invalid>
 Installed-Size: $(du -sk --exclude=DEBIAN "$root" | cut -f1)
-Depends: libc6 (>= $libc), libgcc-s1, passwd, systemd | systemd-standalone-sysusers
-Section: misc
+Depends: libc6 (>= $libc), libgcc-s1, passwd, systemd | systemd-standalone-sysusers$depends
+${recommends:+Recommends: $recommends
+}Section: misc
 Priority: optional
 Description: watches the road ahead of a vehicle with two cameras
  Turns stereo pairs into a dense disparity map, a road model, obstacles and
@@ -105,19 +122,21 @@ Description: watches the road ahead of a vehicle with two cameras
  memory without a copy. Made for small ARM boards.
  .
  An aid, not a safety element: it actuates nothing and is not certified. The
- cascade that comes along is for research and non-commercial use.
+ weights that come along are for research and non-commercial use.
 EOF
 cat >"$root/DEBIAN/postinst" <<'EOF'
 #!/bin/sh
 set -e
 if [ "$1" = configure ]; then
-  systemd-sysusers lookout.conf
+  for users in lookout.conf lookout-gpu.conf; do
+    if [ -e "/usr/lib/sysusers.d/$users" ]; then systemd-sysusers "$users"; fi
+  done
   if command -v systemd-tmpfiles >/dev/null; then
     systemd-tmpfiles --create lookout.conf || true
   fi
   if command -v udevadm >/dev/null && [ -S /run/udev/control ]; then
     udevadm control --reload || true
-    udevadm trigger --subsystem-match=video4linux --subsystem-match=devfreq || true
+    udevadm trigger --subsystem-match=video4linux --subsystem-match=devfreq --subsystem-match=dma_heap || true
   fi
   if [ -d /run/systemd/system ]; then
     systemctl daemon-reload || true
@@ -138,7 +157,7 @@ cat >"$root/DEBIAN/postrm" <<'EOF'
 #!/bin/sh
 set -e
 if [ "$1" = purge ]; then
-  rm -rf /etc/lookout /var/lib/lookout /var/lib/lookout-bridge /run/lookout
+  rm -rf /etc/lookout /var/lib/lookout /var/lib/lookout-bridge /var/cache/lookout /run/lookout
   if getent passwd lookout >/dev/null; then
     userdel lookout || true
   fi

@@ -286,7 +286,7 @@ fn both_layers_equal_the_reference_bit_for_bit() {
                 }
             };
             let (left, right) = (pair.0.view(), pair.1.view());
-            assert!(bench.solver.solve(left, right, &mut volumes, &mut || true, take, take));
+            assert!(bench.solver.solve(left, right, &mut volumes, &mut || true, |_| (take, take)));
             bench.for_nodes(|x, y, d| {
                 let (h, e) = expected[(y * width + x) * disparities + d];
                 let got = bench.node(&merged, x, y, d);

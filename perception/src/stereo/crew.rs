@@ -60,7 +60,7 @@ impl Crew {
         self.pool.as_ref().map_or(1, |pool| pool.current_num_threads())
     }
 
-    /// Does `work` on a thread of the crew, so that [`both`] in it reaches the others. One of them stays awake meanwhile:
+    /// Does `work` on a thread of the crew, so that what it divides reaches the others. One of them stays awake meanwhile:
     /// the steps of a frame follow each other faster than a sleeping thread wakes up.
     pub fn lead<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         let Some(pool) = &self.pool else { return work() };

@@ -178,6 +178,8 @@ finish() { # ROOT NAME
   find "$1" -type f ! -perm 755 -exec chmod 644 {} +
   find "$1" -exec touch -h -d "@$SOURCE_DATE_EPOCH" {} +
   mkdir -p "$out"
+  # One package of a name: with other features it has another version.
+  rm -f "$out/$2"_*_"$arch.deb"
   local package=$out/$2_${version}_$arch.deb
   dpkg-deb --root-owner-group -Zxz --build "$1" "$package" >/dev/null
   echo "$package"

@@ -26,8 +26,10 @@ table! {
     /// checked every 32 rows, so it is not exact to the millisecond. 0 always completes the map.
     budget_ms: Number(0.0, 10_000.0) in "ms" = 0.0;
 
-    /// Number of CPU threads of the matcher; the map is the same for any number. With `cores.pin` each has a core of its
-    /// own: after that of the stereo process cores without a process, then those of other processes, the last stage first.
+    /// Number of CPU threads of the matcher; the map is the same for any number. With `cores.pin` each is pinned: the first to the
+    /// core of the stereo process, others to cores of the same speed, those without a process first, then those of other
+    /// processes, the last stage first; to the scheduler's core and core 0 at last. Fewer than the board has cores, so
+    /// that real-time threads leave one to others.
     threads: Whole(1, 64) = 1;
 
     /// Constant K₂ of SSIM. Larger values reduce the influence of weak texture.

@@ -28,14 +28,17 @@ impl CorePlan {
         Self { cores, available: available.to_vec() }
     }
 
-    /// Cores for `count` further threads of a role, the best first: cores without a process, then those of other
-    /// processes, the last stage first, because its work is the shortest; in turns if there are fewer. Empty if the role is
-    /// not pinned, or has the only core.
-    pub fn helpers(&self, role: Role, count: usize) -> Vec<usize> {
+    /// Cores for `count` further threads of a role, the best first; in turns if there are fewer. `capacity` tells how fast a core
+    /// is: a thread on a slow one would keep the others waiting. The scheduler's core and core 0, which serve what has no
+    /// priority and the interrupts, come late. Else cores without a process come first, then those of other processes, the
+    /// last stage first, because its work is the shortest. Empty if the role is not pinned, or has the only core.
+    pub fn helpers(&self, role: Role, count: usize, capacity: impl Fn(usize) -> Option<u32>) -> Vec<usize> {
         let Some(own) = self.core(role) else { return Vec::new() };
         let order = |core: usize| {
             let first = self.cores.iter().position(|(_, taken)| *taken == Some(core));
-            first.map_or(0, |place| self.cores.len() - place)
+            let serves_others = core == 0 || self.core(Role::Scheduler) == Some(core);
+            let rank = first.map_or(0, |place| self.cores.len() - place);
+            (capacity(core) != capacity(own), serves_others, rank)
         };
         let mut cores: Vec<usize> = self.available.iter().copied().filter(|&core| core != own).collect();
         cores.sort_by_key(|&core| order(core));
@@ -91,18 +94,25 @@ mod tests {
     }
 
     #[test]
-    fn further_threads_get_free_cores_first() {
+    fn further_threads_get_free_cores_of_the_same_kind_first() {
+        let alike = |_| None;
         let plan = CorePlan::new(&Cores::default(), &[0, 1, 2, 3, 4, 5]);
-        assert_eq!(plan.helpers(Role::Stereo, 3), [4, 5, 3]);
+        assert_eq!(plan.helpers(Role::Stereo, 3, alike), [4, 5, 3]);
         let plan = CorePlan::new(&Cores::default(), &[0, 1, 2, 3]);
         assert_eq!(
-            plan.helpers(Role::Stereo, 4),
+            plan.helpers(Role::Stereo, 4, alike),
             [3, 2, 0, 3],
-            "recognition's, road's, capture's, and again"
+            "recognition's, road's, the scheduler's, and again"
         );
-        assert!(CorePlan::new(&Cores::default(), &[7]).helpers(Role::Stereo, 2).is_empty());
+        // Four small cores, and four large ones that all have a process.
+        let cores = "scheduler = 1\ncapture = 4\nstereo = 7\nroad = 6\nrecognition = 5\n";
+        let config = config::parse(&format!("[cores]\n{cores}"), std::path::Path::new("x.toml")).unwrap();
+        let plan = CorePlan::new(&config.cores, &[0, 1, 2, 3, 4, 5, 6, 7]);
+        let capacity = |core| Some(if core < 4 { 380 } else { 1024 });
+        assert_eq!(plan.helpers(Role::Stereo, 5, capacity), [5, 6, 4, 2, 3]);
+        assert!(CorePlan::new(&Cores::default(), &[7]).helpers(Role::Stereo, 2, alike).is_empty());
         let free = CorePlan::new(&Cores { pin: false, ..Cores::default() }, &[0, 1]);
-        assert!(free.helpers(Role::Stereo, 1).is_empty());
+        assert!(free.helpers(Role::Stereo, 1, alike).is_empty());
     }
 
     #[test]

@@ -431,7 +431,7 @@ impl Run {
         let helpers = usize::try_from(threads - 1).unwrap_or(0);
         let mut launch = Launch {
             core: self.plan.core(role),
-            helper_cores: self.plan.helpers(role, helpers),
+            helper_cores: self.plan.helpers(role, helpers, start::capacity),
             ..self.launch.clone()
         };
         if role == Role::SOURCE {

@@ -47,10 +47,13 @@ impl Crew {
             .thread_name(|number| format!("matcher-{number}"))
             .start_handler(start);
         if led.pool.is_some() {
-            // Of another size, and led by one of its own threads.
+            // Of another size, and led by one of its own threads, number 0.
             return Ok(Self { pool: Some(Arc::new(builder.build()?)) });
         }
-        let crew = Self { pool: Some(Arc::new(builder.use_current_thread().build()?)) };
+        let pool = builder.use_current_thread().build()?;
+        // Looks for work once, for which a thread gets memory the first time.
+        pool.yield_now();
+        let crew = Self { pool: Some(Arc::new(pool)) };
         LED.set(crew.clone());
         Ok(crew)
     }

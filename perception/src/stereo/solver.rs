@@ -70,7 +70,7 @@ impl Solver {
 
     /// Computes the final energies. `receive` is given a row and returns two receivers: that of the rows above it, from
     /// the last to the first, and that of the others, in either direction. `go_on` is called repeatedly; once it
-    /// returns false, the scale is abandoned and false is returned. With several threads, the calling thread belongs to their
+    /// returns false, the scale is abandoned and false is returned; three threads and more do not ask during layer 1. With several threads, the calling thread belongs to their
     /// [`Crew`](super::crew::Crew).
     ///
     /// One thread runs both layers strip by strip on the way down, and completes the sums on the way up. Of two, one

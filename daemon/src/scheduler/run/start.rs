@@ -178,6 +178,12 @@ pub(super) fn launch(
     }
 }
 
+/// How fast a core is, relative to the fastest (1024); `None` where all are alike, or the kernel does not tell.
+pub fn capacity(core: usize) -> Option<u32> {
+    let file = format!("/sys/devices/system/cpu/cpu{core}/cpu_capacity");
+    std::fs::read_to_string(file).ok()?.trim().parse().ok()
+}
+
 /// Whether this process was started to ignore SIGHUP (signal 1, the lowest bit of the mask).
 fn ignores_hangup() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

@@ -18,7 +18,11 @@ pub fn start(launch: &Launch) -> Result<(), SetupError> {
         let (config, cores) = (launch.config.clone(), launch.helper_cores.clone());
         tracing::info!(threads, ?cores, "matching on several threads");
         Crew::new(threads, move |number| {
-            realtime::enter_thread(&config, Role::Stereo, cores.get(number - 1).copied());
+            realtime::enter_thread(
+                &config,
+                Role::Stereo,
+                number.checked_sub(1).and_then(|helper| cores.get(helper)).copied(),
+            );
         })
         .map_err(BackendError::from)?;
     }

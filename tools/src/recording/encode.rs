@@ -285,7 +285,7 @@ pub fn scene(stamp: Stamp, record: &FrameRecord, rig: &Rig) -> Message {
     let timestamp = stamp.timestamp();
     let all = scene_entity_deletion::Type::All.into();
     let deletion = SceneEntityDeletion { timestamp, r#type: all, ..Default::default() };
-    let entities = record.obstacles.iter().map(|o| {
+    let entities = record.obstacles.iter().filter(|o| o.is_shown()).map(|o| {
         let middle_row = f64::from(o.y_px) + 0.5 * f64::from(o.height_px);
         let y = (middle_row - rig.cy_px) * o.distance_m / rig.focal_px;
         let centre = [o.lateral_m, y, o.distance_m + 0.5 * BOX_DEPTH_M];

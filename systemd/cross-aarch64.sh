@@ -3,6 +3,7 @@
 #
 #   systemd/cross-aarch64.sh prepare    a compiler with ARM libraries into target/cross (130 MB, once)
 #   systemd/cross-aarch64.sh build      target/cross/build/aarch64-unknown-linux-gnu/release/lookout
+#   systemd/cross-aarch64.sh libraries  matching and rectifying as libraries, for tests/board/counted.py
 #   systemd/cross-aarch64.sh test [ARGS of cargo test]   kernels (perception) by default
 #   systemd/cross-aarch64.sh test-armv7 [ARGS of cargo test]   the same on 32-bit ARM, whose kernels are plain
 #   systemd/cross-aarch64.sh check-armv7 [ARGS of cargo check]   whether 32-bit ARM compiles; perception by default
@@ -76,6 +77,11 @@ case ${1:-} in
     cargo build --release --locked --target $target -p lookout "$@"
     readelf --version-info "$CARGO_TARGET_DIR/$target/release/lookout" | grep -o 'GLIBC_[0-9.]*' | sort -uV | tail -1
     ;;
+  libraries)
+    prepare
+    cargo build --release --locked --target $target -p lookout-perception --example stereo_library --example remap_library
+    ls "$CARGO_TARGET_DIR/$target/release/examples/"lib{stereo,remap}_library.so
+    ;;
   test)
     prepare
     shift
@@ -104,7 +110,7 @@ case ${1:-} in
     qemu-aarch64-static -L "$2" "$binary" replay scene:street --in-process --limit 3
     ;;
   *)
-    sed -n '2,16s/^# \{0,1\}//p' "$0" >&2
+    sed -n '2,17s/^# \{0,1\}//p' "$0" >&2
     exit 2
     ;;
 esac

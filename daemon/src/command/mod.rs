@@ -71,8 +71,8 @@ use perception::simd::Level;
   lookout record -o drive.mcap                    record the running daemon
 
 Environment:
-  LOOKOUT_LEVEL=NAME    fastest instruction set to use, of plain, neon, dotprod, avx2 and avx512 [default: the
-                        fastest of this machine]; results are the same
+  LOOKOUT_LEVEL=NAME    fastest instruction set to use, of plain, neon, dotprod, avx2 and avx512
+                        [default: the fastest of this machine]; results are the same
 
 Exit code: 0 on success, 2 for incorrect usage, 1 for any other error."
 )]

@@ -72,7 +72,7 @@ use perception::simd::Level;
 
 Environment:
   LOOKOUT_LEVEL=NAME    fastest instruction set to use, of plain, neon, dotprod, avx2 and avx512
-                        [default: the fastest of this machine]; results are the same
+                        [default: the fastest here]; results are the same
 
 Exit code: 0 on success, 2 for incorrect usage, 1 for any other error."
 )]

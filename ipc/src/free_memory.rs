@@ -71,7 +71,7 @@ pub extern "C" fn ftruncate(file: c_int, bytes: libc::off_t) -> c_int {
 }
 
 /// Sets `errno`; returns what a C function returns then.
-fn fail(error: Errno) -> c_int {
+pub(crate) fn fail(error: Errno) -> c_int {
     // SAFETY: the address of this thread's errno is always valid.
     unsafe { *libc::__errno_location() = error.raw_os_error() };
     -1

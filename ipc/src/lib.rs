@@ -47,6 +47,7 @@ mod copied;
 pub mod deadline;
 pub mod device;
 mod error;
+mod file_sync;
 pub mod free_memory;
 pub mod header;
 pub mod heat;

@@ -5,6 +5,7 @@
 //! timeout of ours. So each call into iceoryx2 runs inside a `Guard`, and one thread of the process ends it if a call
 //! has not returned for [`LIMIT`]. A stage is then restarted by its scheduler, a scheduler by systemd.
 
+use std::cell::Cell;
 use std::io;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -79,6 +80,9 @@ static REPORT: OnceLock<Report> = OnceLock::new();
 
 thread_local! {
     static SLOT: usize = NEXT_SLOT.fetch_add(1, Ordering::Relaxed) % SLOTS;
+
+    /// Whether this thread is inside a call: its slot may be another thread's, too.
+    static INSIDE: Cell<bool> = const { Cell::new(false) };
 }
 
 /// The thread is inside a call as long as this lives.
@@ -91,6 +95,7 @@ impl Guard {
         // Only this thread writes to its slot, so the serial number needs no atomic addition.
         let serial = CALLS[slot].load(Ordering::Relaxed) >> 8;
         CALLS[slot].store(((serial + 1) << 8) | (call as u64 + 1), Ordering::Relaxed);
+        INSIDE.set(true);
         Self(())
     }
 }
@@ -101,11 +106,17 @@ impl Drop for Guard {
     }
 }
 
+/// Whether this thread is inside a call into iceoryx2.
+pub(crate) fn is_inside_call() -> bool {
+    INSIDE.get()
+}
+
 /// Marks the end of this thread's call.
 fn leave() {
     // A thread-local without a destructor of its own is accessible as long as the thread lives.
     let slot = SLOT.with(|slot| *slot);
     CALLS[slot].fetch_and(!0xff, Ordering::Relaxed);
+    INSIDE.set(false);
 }
 
 /// First field of a struct whose other fields call iceoryx2 while they are dropped: marks the begin of that call.

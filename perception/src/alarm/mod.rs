@@ -81,6 +81,10 @@ impl Default for AlarmParameters {
 /// The rules that need a closing speed require detections for this long, in seconds: the filter's first errors are then over
 /// (with 0.56 s the silent scene `slope` warns),
 const MIN_SEEN_S: f64 = 0.64;
+/// and for this long where the gap is smaller than this, in metres: near, the first errors are small, and there is no time.
+const MIN_SEEN_NEAR_S: f64 = 0.4;
+/// See [`MIN_SEEN_NEAR_S`].
+const NEAR_M: f64 = 20.0;
 /// the last of them consecutive for this long, in seconds, so that what is not always seen raises nothing,
 const MIN_CONSECUTIVE_S: f64 = 0.32;
 /// both at least this many frames, as a speed needs two, and its error a third,
@@ -350,7 +354,8 @@ impl Alarm {
             return Some(AlarmRule::Distance);
         }
         let ttc = c.time_to_collision?;
-        let is_known = self.lasts(c.seen, MIN_SEEN_S)
+        let seen_s = if c.gap_m < NEAR_M { MIN_SEEN_NEAR_S } else { MIN_SEEN_S };
+        let is_known = self.lasts(c.seen, seen_s)
             && self.lasts(c.consecutive_frames, MIN_CONSECUTIVE_S)
             && c.width_jitter <= MAX_WIDTH_JITTER
             && ttc.sigma_s <= MAX_TTC_SIGMA_SHARE * ttc.seconds

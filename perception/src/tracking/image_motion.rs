@@ -293,6 +293,7 @@ impl Tracker {
                 filter.store_distance(motion.scale.map_or(MIN_SCALE_SIGMA, |image| image.sigma));
             }
         }
+        self.tell_motion();
         self.drop_implausible();
     }
 

@@ -301,14 +301,23 @@ impl Tracker {
             }
             track.existence.look(evidence, 1.0, elapsed_s);
             track.update(first, &whole, cameras);
+            if self.own.is_some()
+                && let Some(sigma_m_s) = static_points::speed_sigma_m_s(&whole, points, &self.rig, elapsed_s)
+            {
+                track.filter.zero_velocity_update(sigma_m_s);
+            }
+        }
+        self.tell_motion();
+    }
+
+    /// Tells of the things that are seen whether they move, and whether they brake or accelerate.
+    fn tell_motion(&mut self) {
+        for track in self.tracks.iter_mut().filter(|track| track.missed == 0) {
+            track.filter.choose_model();
             if let Some(own) = &self.own {
-                if let Some(sigma_m_s) = static_points::speed_sigma_m_s(&whole, points, &self.rig, elapsed_s)
-                {
-                    track.filter.zero_velocity_update(sigma_m_s);
-                }
                 // As the vehicle turns by an angle, it sees the sides of a thing turned by it.
-                let (before, aspect_m_s) = (track.movement, own.turning_rad_s() * track.front_m());
-                track.movement = track.filter.movement(before, aspect_m_s);
+                let aspect_m_s = own.turning_rad_s() * track.front_m();
+                track.movement = track.filter.movement(track.movement, aspect_m_s, track.front_m());
             }
         }
     }

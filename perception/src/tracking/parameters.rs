@@ -142,6 +142,9 @@ pub const MANOEUVRE_SIGMA_M_S2: f64 = 3.0;
 pub const MANOEUVRE_SIGMAS: f64 = 1.5;
 /// Nothing is said of the acceleration of a thing whose speed is known less well than this, in m/s.
 pub const MAX_MANOEUVRE_SPEED_SIGMA_M_S: f64 = 1.5;
+/// Share of what noise adds to an acceleration that is taken off it: its square exceeds that of the true one by the variance, but the
+/// filter has drawn it to 0 before.
+pub const BRAKING_NOISE_SHARE: f64 = 0.5;
 /// An acceleration that is less with its standard deviation is over, in m/s²: lifting the foot is no braking.
 pub const STEADY_M_S2: f64 = 1.5;
 /// Largest braking that is expected to go on, in m/s²: dry asphalt.
@@ -168,6 +171,12 @@ pub const STEP_FRAMES: u8 = 3;
 
 /// Speeds that a standing thing seems to have, in m/s, as its visible part changes and the own motion errs.
 pub const STANDING_SPEED_M_S: f64 = 0.4;
+/// Of that across, in m/s: what the own motion errs,
+pub const STANDING_ACROSS_M_S: f64 = 0.1;
+/// and what the visible part changes, as a share of the width in a second: that of a person cannot change much.
+pub const STANDING_SIDES_PER_S: f64 = 0.2;
+/// Speed across beyond the seeming one from which a thing may be somebody who walks, in m/s: a third of a walker's.
+pub const WALKING_M_S: f64 = 0.5;
 /// Squared normalised speeds (two degrees of freedom) below which a thing may stand, and above which it moves: 86 % and
 /// 1 % of standing ones.
 pub const STANDING_CHI2: f64 = 4.0;

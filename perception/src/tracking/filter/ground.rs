@@ -9,7 +9,8 @@ use super::Estimate;
 use super::estimate::{Covariance, VX, VZ, X, Z};
 use crate::motion::planar::{OwnRates, Planar, PlanarStep};
 use crate::tracking::parameters::{
-    MAX_STANDING_SIGMA_M_S, MAX_STANDING_SIGMA_SHARE, MOVING_CHI2, STANDING_CHI2, STANDING_SPEED_M_S,
+    MAX_STANDING_SIGMA_M_S, MAX_STANDING_SIGMA_SHARE, MOVING_CHI2, STANDING_ACROSS_M_S, STANDING_CHI2,
+    STANDING_SIDES_PER_S, STANDING_SPEED_M_S, WALKING_M_S,
 };
 use nalgebra::Matrix2;
 
@@ -95,17 +96,22 @@ impl Estimate {
     }
 
     /// Whether the obstacle moves, with speeds over ground; `before` remains where the measurements do not tell.
-    /// `aspect_m_s`: speed that a standing thing seems to have because another side of it comes into view.
-    pub fn movement(&self, before: Movement, aspect_m_s: f64) -> Movement {
+    /// `aspect_m_s`: speed that a standing thing seems to have because another side of it comes into view; `width_m`: its width.
+    pub fn movement(&self, before: Movement, aspect_m_s: f64, width_m: f64) -> Movement {
         let speed = self.state.fixed_rows::<2>(VX);
-        let standing = STANDING_SPEED_M_S * STANDING_SPEED_M_S + aspect_m_s * aspect_m_s;
-        let covariance = self.p.fixed_view::<2, 2>(VX, VX) + Matrix2::identity() * standing;
+        let seeming_m_s = (STANDING_ACROSS_M_S + STANDING_SIDES_PER_S * width_m).min(STANDING_SPEED_M_S);
+        let standing = |speed: f64| speed * speed + aspect_m_s * aspect_m_s;
+        let covariance = self.p.fixed_view::<2, 2>(VX, VX)
+            + Matrix2::new(standing(seeming_m_s), 0.0, 0.0, standing(STANDING_SPEED_M_S));
         let chi2 = covariance.try_inverse().map_or(0.0, |inverse| (speed.transpose() * inverse * speed).x);
         let [across_sigma, along_sigma] = self.speed_sigma_m_s();
         let most_along = MAX_STANDING_SIGMA_M_S.max(MAX_STANDING_SIGMA_SHARE * self.own_rate[1].abs());
+        // Who begins to walk is at first as slow as the errors are large.
+        let may_walk = speed[0].abs() + across_sigma / 2.0 >= WALKING_M_S + seeming_m_s;
+        let is_known = across_sigma < MAX_STANDING_SIGMA_M_S && along_sigma < most_along;
         if chi2 > MOVING_CHI2 {
             Movement::Moving
-        } else if chi2 < STANDING_CHI2 && across_sigma < MAX_STANDING_SIGMA_M_S && along_sigma < most_along {
+        } else if chi2 < STANDING_CHI2 && is_known && !may_walk {
             Movement::Standing
         } else {
             before
@@ -155,7 +161,7 @@ mod tests {
             velocity = exact.direction(velocity);
             filter.measure_disparity(measure(place, normal()), 0.12);
             filter.measure_across([bearing(place, normal()) * place[1], place[1]], 0.1, true);
-            movement = filter.movement(movement, 0.0);
+            movement = filter.movement(movement, 0.0, 0.5);
         }
         (filter, velocity, movement)
     }

@@ -7,12 +7,12 @@
 use super::estimate::{AZ, Model, VZ};
 use super::{Estimate, TrackFilter};
 use crate::tracking::parameters::{
-    MANOEUVRE_SIGMAS, MAX_BRAKING_M_S2, MAX_MANOEUVRE_SPEED_SIGMA_M_S, STEADY_M_S2,
+    BRAKING_NOISE_SHARE, MANOEUVRE_SIGMAS, MAX_BRAKING_M_S2, MAX_MANOEUVRE_SPEED_SIGMA_M_S, STEADY_M_S2,
 };
 
 impl TrackFilter {
     /// Tells which model holds.
-    pub(super) fn choose_model(&mut self) {
+    pub(in crate::tracking) fn choose_model(&mut self) {
         let (size, sigma) = (self.accelerating.state[AZ].abs(), self.accelerating.sigma(AZ));
         if self.is_manoeuvring {
             if size + sigma < STEADY_M_S2 || size < sigma {
@@ -34,12 +34,11 @@ impl TrackFilter {
 }
 
 impl Estimate {
-    /// With how much it brakes, in m/s², less the part of the estimate that may be noise: its square exceeds that of the true
-    /// one by the variance. 0 if it does not brake.
+    /// With how much it brakes, in m/s², less a part of what noise adds to it ([`BRAKING_NOISE_SHARE`]). 0 if it does not brake.
     pub(super) fn braking_m_s2(&self) -> f64 {
         let braking = -self.state[AZ];
         let noise = if braking > 0.0 { self.p[(AZ, AZ)] / braking } else { 0.0 };
-        (braking - noise).clamp(0.0, MAX_BRAKING_M_S2)
+        (braking - BRAKING_NOISE_SHARE * noise).clamp(0.0, MAX_BRAKING_M_S2)
     }
 }
 

@@ -310,8 +310,13 @@ impl Alarm {
         }
         self.counts.push(counts);
         let needed = self.parameters.confirm_frames;
+        // Frames that confirm a rule count before the speed is known for long enough: both go on at the same time.
+        let is_known = self.is_known(candidate);
         let cause = |level, rule: Option<AlarmRule>, count| {
-            rule.filter(|_| count >= needed).map(|rule| Cause { level, rule, candidate: *candidate })
+            rule.filter(|rule| {
+                count >= needed && (*rule == AlarmRule::Distance || is_known || is_held(level))
+            })
+            .map(|rule| Cause { level, rule, candidate: *candidate })
         };
         cause(AlarmLevel::Alarm, alarm, counts.alarm)
             .or_else(|| cause(AlarmLevel::Warning, warning, counts.warning))
@@ -334,6 +339,12 @@ impl Alarm {
         f64::from(frames) + 0.5 >= (seconds / self.period_s).max(MIN_SPEED_FRAMES)
     }
 
+    /// Whether a candidate has been seen for so long that its speed is known.
+    fn is_known(&self, c: &Candidate) -> bool {
+        let seen_s = if c.gap_m < NEAR_M { MIN_SEEN_NEAR_S } else { MIN_SEEN_S };
+        self.lasts(c.seen, seen_s) && self.lasts(c.consecutive_frames, MIN_CONSECUTIVE_S)
+    }
+
     /// Rule of a level that a candidate triggers, evaluated `lead_s` ahead. `is_held`: the candidate already
     /// holds the level, so the limits include the hysteresis.
     fn triggered_rule(
@@ -354,13 +365,10 @@ impl Alarm {
             return Some(AlarmRule::Distance);
         }
         let ttc = c.time_to_collision?;
-        let seen_s = if c.gap_m < NEAR_M { MIN_SEEN_NEAR_S } else { MIN_SEEN_S };
-        let is_known = self.lasts(c.seen, seen_s)
-            && self.lasts(c.consecutive_frames, MIN_CONSECUTIVE_S)
-            && c.width_jitter <= MAX_WIDTH_JITTER
+        let is_clear = c.width_jitter <= MAX_WIDTH_JITTER
             && ttc.sigma_s <= MAX_TTC_SIGMA_SHARE * ttc.seconds
             && c.closing_m_s >= MIN_CLOSING_M_S;
-        if !is_known && !is_held {
+        if !is_clear && !is_held {
             return None;
         }
         let (ttc_s, deceleration) = match level {

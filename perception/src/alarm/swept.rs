@@ -82,6 +82,11 @@ const MIN_TRAFFIC_M_S: f64 = 5.0;
 const MAX_TRAFFIC_SINE: f64 = 0.26;
 /// See [`MIN_TRAFFIC_M_S`].
 const TRAFFIC_ACROSS_SIGMA_M_S: f64 = 0.7;
+/// Most chords by which the arrival is found, and an error of it that is small enough, in seconds: in a turn what comes from afar closes
+/// along the arc at first faster, later slower.
+const MAX_CHORDS: usize = 8;
+/// See [`MAX_CHORDS`].
+const ARRIVAL_ERROR_S: f64 = 0.02;
 /// Step of the numerical derivative, in seconds.
 const STEP_S: f64 = 0.1;
 
@@ -255,7 +260,7 @@ pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
     let distance_m = now.nearest.arc_m - camera_m;
     // What is hit is the front, so arrival is its arrival.
     let gap_m = distance_m - path.body.front_m;
-    // Arc length between front and obstacle after a time; its zero is found with two secants.
+    // Arc length between front and obstacle after a time; its zero is found with chords from now.
     let ahead_m = |seconds: f64| {
         front(path, at(seconds), width_m).nearest.arc_m
             - camera_m
@@ -268,10 +273,17 @@ pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
     let may_meet = !path.is_at_rest() || obstacle.time_to_collision.is_some();
     if may_meet && gap_m > 0.0 && closing_m_s > MIN_CLOSING_M_S {
         let mut seconds = (gap_m / closing_m_s).min(MAX_PREDICTION_S);
-        let mean = (gap_m - ahead_m(seconds)) / seconds;
-        if mean > MIN_CLOSING_M_S && ground.movement != Movement::Standing {
+        for _ in 0..MAX_CHORDS {
+            let mean = (gap_m - ahead_m(seconds)) / seconds;
+            if mean <= MIN_CLOSING_M_S || ground.movement == Movement::Standing {
+                break;
+            }
             closing_m_s = mean;
+            let before = seconds;
             seconds = braking_seconds(gap_m, mean, obstacle.braking_m_s2()).min(MAX_PREDICTION_S);
+            if (seconds - before).abs() < ARRIVAL_ERROR_S {
+                break;
+            }
         }
         arrival_s = Some(seconds);
     }

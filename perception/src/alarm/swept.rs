@@ -82,11 +82,10 @@ const MIN_TRAFFIC_M_S: f64 = 5.0;
 const MAX_TRAFFIC_SINE: f64 = 0.26;
 /// See [`MIN_TRAFFIC_M_S`].
 const TRAFFIC_ACROSS_SIGMA_M_S: f64 = 0.7;
-/// Most chords by which the arrival is found, and an error of it that is small enough, in seconds: in a turn what comes from afar closes
-/// along the arc at first faster, later slower.
-const MAX_CHORDS: usize = 8;
-/// See [`MAX_CHORDS`].
-const ARRIVAL_ERROR_S: f64 = 0.02;
+/// Most secants by which the arrival is found, and an error of it that is small enough, in metres.
+const MAX_SECANTS: usize = 8;
+/// See [`MAX_SECANTS`].
+const ARRIVAL_ERROR_M: f64 = 0.05;
 /// Step of the numerical derivative, in seconds.
 const STEP_S: f64 = 0.1;
 
@@ -249,6 +248,36 @@ fn as_traffic(path: &SweptPath, obstacle: &Obstacle) -> GroundMotion {
     }
 }
 
+/// When the arc length between front and obstacle is 0, in seconds, and the mean speed at which it closes until then, in m/s. `gap_m` is
+/// that length now, `ahead_m` after a time; `seconds` is a first guess. In a turn what comes from afar closes along the arc at first
+/// faster, later slower, so secants are drawn through the nearest times before and after the arrival (regula falsi).
+fn arrival(gap_m: f64, mut seconds: f64, ahead_m: impl Fn(f64) -> f64) -> (f64, f64) {
+    let mut before = (0.0, gap_m);
+    let mut after: Option<(f64, f64)> = None;
+    let mut mean_m_s = 0.0;
+    for _ in 0..MAX_SECANTS {
+        let left_m = ahead_m(seconds);
+        mean_m_s = (gap_m - left_m) / seconds;
+        if left_m.abs() < ARRIVAL_ERROR_M || mean_m_s <= MIN_CLOSING_M_S {
+            break;
+        }
+        if left_m > 0.0 {
+            before = (seconds, left_m);
+        } else {
+            after = Some((seconds, left_m));
+        }
+        let next = match after {
+            Some(after) => before.0 + (after.0 - before.0) * before.1 / (before.1 - after.1),
+            None => (gap_m / mean_m_s).min(MAX_PREDICTION_S),
+        };
+        if next == seconds {
+            break;
+        }
+        seconds = next;
+    }
+    (seconds, mean_m_s)
+}
+
 /// How the vehicle meets an obstacle on its path.
 pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
     let Obstacle { place_m: place, width_m, .. } = *obstacle;
@@ -260,7 +289,7 @@ pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
     let distance_m = now.nearest.arc_m - camera_m;
     // What is hit is the front, so arrival is its arrival.
     let gap_m = distance_m - path.body.front_m;
-    // Arc length between front and obstacle after a time; its zero is found with chords from now.
+    // Arc length between front and obstacle after a time.
     let ahead_m = |seconds: f64| {
         front(path, at(seconds), width_m).nearest.arc_m
             - camera_m
@@ -273,16 +302,14 @@ pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
     let may_meet = !path.is_at_rest() || obstacle.time_to_collision.is_some();
     if may_meet && gap_m > 0.0 && closing_m_s > MIN_CLOSING_M_S {
         let mut seconds = (gap_m / closing_m_s).min(MAX_PREDICTION_S);
-        for _ in 0..MAX_CHORDS {
-            let mean = (gap_m - ahead_m(seconds)) / seconds;
-            if mean <= MIN_CLOSING_M_S || ground.movement == Movement::Standing {
-                break;
-            }
-            closing_m_s = mean;
-            let before = seconds;
-            seconds = braking_seconds(gap_m, mean, obstacle.braking_m_s2()).min(MAX_PREDICTION_S);
-            if (seconds - before).abs() < ARRIVAL_ERROR_S {
-                break;
+        if ground.movement != Movement::Standing {
+            let (found_s, mean_m_s) = arrival(gap_m, seconds, ahead_m);
+            if mean_m_s > MIN_CLOSING_M_S {
+                closing_m_s = mean_m_s;
+                let braking_m_s2 = obstacle.braking_m_s2();
+                seconds =
+                    if braking_m_s2 > 0.0 { braking_seconds(gap_m, mean_m_s, braking_m_s2) } else { found_s };
+                seconds = seconds.min(MAX_PREDICTION_S);
             }
         }
         arrival_s = Some(seconds);

@@ -133,6 +133,23 @@ fn an_oncoming_car_does_not_follow_our_turn() {
 }
 
 #[test]
+fn what_comes_from_afar_in_a_turn_is_met_when_and_where_both_are() {
+    // A turn of 14.8 m to the left, across the path of a car that comes with 60 km/h. From afar its place along the arc
+    // moves otherwise than near.
+    let turn = path(1.0 / 14.8, 5.56);
+    for seconds in [0.6, 0.9, 1.2] {
+        let front_m = turn.body.rear_axle_m + turn.body.front_m + turn.speed_m_s * seconds;
+        let meeting = turn.place(front_m, 0.0);
+        let speed_m_s = [-3.3, -16.3];
+        let place = [meeting[0] - speed_m_s[0] * seconds, meeting[1] - speed_m_s[1] * seconds];
+        let found = encounter(&turn, &car(place, speed_m_s, 22.0));
+        let ttc = found.time_to_collision.expect("it approaches");
+        assert!((ttc.seconds - seconds).abs() < 0.12, "{seconds} s: {ttc:?}");
+        assert!(found.clearance_m < -1.0 && found.is_in_the_way(false), "{seconds} s: {found:?}");
+    }
+}
+
+#[test]
 fn who_is_well_measured_and_passes_closely_is_not_in_the_way() {
     // A bicycle crosses with 3.8 m/s and is in the strip when we arrive, or its rear wheel's last third of a metre is.
     let straight = path(0.0, 11.0);

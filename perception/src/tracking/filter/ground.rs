@@ -189,6 +189,47 @@ mod tests {
         }
     }
 
+    /// Frames after which somebody who stands and then walks across with 1.4 m/s is told to move, of a thing of this width.
+    fn frames_until_told(seed: u64, width_m: f64) -> usize {
+        let mut random = fastrand::Rng::with_seed(seed);
+        let mut normal = || (0..12).map(|_| random.f64()).sum::<f64>() - 6.0;
+        let motion = Motion { speed_m_s: 10.0, speed_sigma_m_s: 0.1, ..Motion::default() };
+        let body = Body::default();
+        let (step, rates) = (PlanarStep::of(&motion, &body, PERIOD_S), OwnRates::of(&motion, &body));
+        let mut place = [4.0, 45.0];
+        let mut measure =
+            |place: [f64; 2]| (SCALE / place[1] + 0.06 * normal(), place[0] / place[1] + 0.002 * normal());
+        let (disparity, bearing) = measure(place);
+        let mut filter = TrackFilter::new(SCALE, (disparity, 0.06), (bearing, 0.002 * place[1]));
+        filter.start_over_ground(&rates);
+        let mut movement = Movement::Unknown;
+        for frame in 0..40 {
+            filter.predict_over_ground(&step, &rates, PERIOD_S);
+            let across_m_s = if frame < 15 { 0.0 } else { -1.4 };
+            place = step.place([place[0] + across_m_s * PERIOD_S, place[1]]);
+            let (disparity, bearing) = measure(place);
+            filter.measure_disparity(disparity, 0.06);
+            filter.measure_across([bearing * place[1], place[1]], 0.002 * place[1], true);
+            movement = filter.movement(movement, 0.0, width_m);
+            if frame >= 15 && movement == Movement::Moving {
+                return frame - 15;
+            }
+        }
+        25
+    }
+
+    #[test]
+    fn who_begins_to_walk_is_told_sooner_than_a_wall_whose_visible_part_changes() {
+        let median = |width_m: f64| {
+            let mut frames: Vec<usize> = (0..40).map(|seed| frames_until_told(seed, width_m)).collect();
+            frames.sort_unstable();
+            frames[20]
+        };
+        let (person, car) = (median(0.6), median(1.8));
+        println!("told to move after {person} frames of walking, a thing as wide as a car after {car}");
+        assert!(person <= 11 && car > person, "{person} {car}");
+    }
+
     #[test]
     fn a_standing_thing_closes_with_the_own_speed() {
         let (filter, _, _) = follow(1, [0.0, 26.0], [0.0, 0.0]);

@@ -5,6 +5,7 @@ use image::{ExtendedColorType, ImageEncoder};
 use messages::header::Header;
 use messages::pipeline::PATH_LENGTH;
 use messages::regions::{RegionRecord, Regions};
+use perception::detection::RegionParameters;
 use perception::point_cloud::{self, PointCloudParameters};
 use perception::rig::Rig;
 use perception::stereo::DisparityView;
@@ -20,9 +21,6 @@ const QUALITY: u8 = 75;
 
 /// Approximate number of pixels sampled for the point cloud.
 const POINTS: usize = 6000;
-
-/// Largest distance of a point, in metres.
-const MAX_POINT_DISTANCE_M: f64 = 60.0;
 
 /// Rows between two points of the road profile.
 const PROFILE_STEP: usize = 4;
@@ -222,7 +220,8 @@ impl Frame {
         let every = ((map.as_slice().len() as f64 / POINTS as f64).sqrt() as usize).max(1);
         let parameters = PointCloudParameters {
             step: every,
-            max_distance_m: MAX_POINT_DISTANCE_M,
+            // As far as things are told from the road.
+            max_distance_m: RegionParameters::range_m(&self.rig),
             ..PointCloudParameters::default()
         };
         let mut points = Vec::new();

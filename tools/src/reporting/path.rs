@@ -23,9 +23,11 @@ pub struct PathLine {
     pub sigma_m: Vec<f64>,
 }
 
-/// Length of the drawn path ahead of the vehicle's front, in metres, and the step between two of its points.
-const LENGTH_M: f64 = 60.0;
-/// See [`LENGTH_M`].
+/// Time for which the path is drawn ahead of the vehicle's front, in seconds: a warning looks less far ahead.
+const LENGTH_S: f64 = 3.0;
+/// Smallest and largest length, in metres: the second is the range of any rig.
+const LENGTHS_M: [f64; 2] = [60.0, 100.0];
+/// Step between two points, in metres.
 const STEP_M: f64 = 4.0;
 
 /// Largest change of heading along the drawn path, in rad: a strip that turns back would cover itself.
@@ -71,7 +73,8 @@ impl PathLine {
             curvature_sigma_per_m: known.then(|| round(path.curvature_sigma_per_m)),
             ..Self::default()
         };
-        for step in 0..=(LENGTH_M / STEP_M) as u32 {
+        let length_m = (LENGTH_S * path.speed_m_s).clamp(LENGTHS_M[0], LENGTHS_M[1]);
+        for step in 0..=(length_m / STEP_M) as u32 {
             let arc_m = front_m + STEP_M * f64::from(step);
             let centre = path.along(path.place(arc_m, 0.0));
             if centre.heading_rad.abs() > MAX_HEADING_RAD {
@@ -139,6 +142,8 @@ mod tests {
         assert_eq!((straight.left_m[0], straight.right_m[0]), ([-1.1, 1.7], [0.7, 1.7]));
         assert_eq!((straight.left_m.len(), straight.left_m[15]), (16, [-1.1, 61.7]));
         assert_eq!((straight.known, straight.curvature_per_m), (false, None));
+        let fast = PathLine::new(&SweptPath { speed_m_s: 30.0, ..path(0.0) }, true);
+        assert_eq!(fast.left_m.last(), Some(&[-1.1, 89.7]));
         let left = PathLine::new(&path(0.02), true);
         assert_eq!(left.curvature_per_m, Some(0.02));
         // The outer edge, on the right, lies farther from the arc than the inner one.

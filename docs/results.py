@@ -225,6 +225,62 @@ def silent(lookout):
     return table(head, lines)
 
 
+# Standard tests
+
+NCAP_SPEEDS = ["20", "40", "60", "80"]
+NCAP = ["evaluate", "ncap", "--rig", "board", "--nominal"]
+
+
+def ncap(lookout):
+    """The rows by speed, by day and at night; what was passed."""
+    impacts = [*NCAP, "--speeds", ",".join(NCAP_SPEEDS), "--only", "impacts", "--seeds", "101-103", "--threads", "2", "--json"]
+    runs = lookout.json(*impacts)["runs"]
+    is_night = lambda run: run["weather"] == "night"
+    names = list(dict.fromkeys((run["row"], is_night(run)) for run in sorted(runs, key=is_night)))
+    lines = []
+    for row, night in names:
+        of_row = [run for run in runs if (run["row"], is_night(run)) == (row, night)]
+        cells = [ncap_cell([run for run in of_row if f"{run['own_km_h']:g}" == speed]) for speed in NCAP_SPEEDS]
+        if any(run["passed"] is not None for run in of_row):
+            lines.append([row + (", night" if night else ""), *cells])
+    text = table(["row", *(f"{speed} km/h" for speed in NCAP_SPEEDS)], lines) + "\n"
+    for name, night in [("By day", False), ("at night", True)]:
+        judged = [run for run in runs if is_night(run) == night and run["passed"] is not None]
+        cells = {}
+        for run in judged:
+            cells.setdefault((run["row"], run["own_km_h"]), []).append(run["passed"])
+        by_seed = [sum(run["passed"] for run in judged if run["seed"] == seed) for seed in (101, 102, 103)]
+        share = 100 * sum(by_seed) / max(len(judged), 1)
+        text += f"{name} **{sum(by_seed)} of {len(judged)} judged runs pass** ({share:.0f} %; by seed {', '.join(map(str, by_seed))}), "
+        text += f"{sum(map(all, cells.values()))} of {len(cells)} cells with all seeds" + (".\n" if night else "; ")
+    return text
+
+
+def ncap_cell(runs):
+    if not runs:
+        return ""
+    judged = [run["passed"] for run in runs if run["passed"] is not None]
+    words = f"{sum(judged)} of {len(judged)}" if judged else "(not judged)"
+    words = f"**{words}**" if judged and all(judged) else words
+    ttc = [sorted(run["ttc_s"][key] for run in runs if run["ttc_s"][key] is not None) for key in ("warning", "alarm")]
+    medians = [number(times[len(times) // 2] if times else None) for times in ttc]
+    impact = lambda run: run["free_impact_m_s"] if run["impact_m_s"] is None else run["impact_m_s"]
+    return f"{words}: {medians[0]} / {medians[1]} / {max(round(impact(run) * 3.6) for run in runs)}"
+
+
+def ncap_near(lookout):
+    """How many near misses of each row are silent, and which are not."""
+    near = [*NCAP, "--speeds", "40", "--only", "near-misses", "--weather", "sunny", "--seeds", "101", "--threads", "2", "--json"]
+    runs = [run for run in lookout.json(*near)["runs"] if run["passed"] is not None]
+    lines = []
+    for row in dict.fromkeys(run["row"] for run in runs):
+        of_row = [run for run in runs if run["row"] == row]
+        loud = [f"{run['miss']}: {'; '.join(run['reasons'])}" for run in of_row if not run["passed"]]
+        lines.append([row, f"{sum(run['passed'] for run in of_row)} of {len(of_row)}", "<br>".join(loud)])
+    silent_runs = sum(run["passed"] for run in runs)
+    return table(["row", "silent", "not silent"], lines) + f"\n**{silent_runs} of {len(runs)} near misses are silent.**\n"
+
+
 # Recordings
 
 
@@ -380,6 +436,8 @@ TABLES = {
     "free-space": free_space,
     "approaches": approaches,
     "silent": silent,
+    "ncap": ncap,
+    "ncap-near": ncap_near,
     "drives": drives,
     "lidar": lidar,
     "calibration": calibration,

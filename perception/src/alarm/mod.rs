@@ -114,6 +114,8 @@ struct RuleCounts {
     track: u32,
     warning: u32,
     alarm: u32,
+    /// Of those of an alarm the last ones in which the distance counted, or the speed was known.
+    near: u32,
 }
 
 /// What raised a level.
@@ -288,7 +290,7 @@ impl Alarm {
     fn evaluate(&mut self, candidate: &Candidate, lead_s: f64) -> Option<Cause> {
         let counts = self.before.iter().find(|t| t.track == candidate.track);
         let mut counts =
-            counts.copied().unwrap_or(RuleCounts { track: candidate.track, warning: 0, alarm: 0 });
+            counts.copied().unwrap_or(RuleCounts { track: candidate.track, warning: 0, alarm: 0, near: 0 });
         let is_held = |level| self.track == Some(candidate.track) && self.level >= level;
         // What keeps a warning because it may still be in the way raises no alarm.
         let may = candidate.may_raise || is_held(AlarmLevel::Alarm);
@@ -301,7 +303,13 @@ impl Alarm {
             .triggered_rule(candidate, AlarmLevel::Warning, lead_s, is_held(AlarmLevel::Warning))
             .filter(|_| may_warn)
             .or(alarm);
-        for (count, rule) in [(&mut counts.alarm, alarm), (&mut counts.warning, warning)] {
+        let is_known = self.is_known(candidate);
+        // A distance that a speed predicts which is not yet known is confirmed by itself.
+        let near =
+            alarm.filter(|rule| *rule == AlarmRule::Distance || is_known || is_held(AlarmLevel::Alarm));
+        for (count, rule) in
+            [(&mut counts.alarm, alarm), (&mut counts.warning, warning), (&mut counts.near, near)]
+        {
             *count = match rule {
                 // An undetected track does not add to the count, but does not reset it either.
                 Some(_) => count.saturating_add(u32::from(candidate.is_detected())),
@@ -311,10 +319,10 @@ impl Alarm {
         self.counts.push(counts);
         let needed = self.parameters.confirm_frames;
         // Frames that confirm a rule count before the speed is known for long enough: both go on at the same time.
-        let is_known = self.is_known(candidate);
-        let cause = |level, rule: Option<AlarmRule>, count| {
-            rule.filter(|rule| {
-                count >= needed && (*rule == AlarmRule::Distance || is_known || is_held(level))
+        let cause = |level, rule: Option<AlarmRule>, count: u32| {
+            rule.filter(|rule| match rule {
+                AlarmRule::Distance => counts.near >= needed,
+                _ => count >= needed && (is_known || is_held(level)),
             })
             .map(|rule| Cause { level, rule, candidate: *candidate })
         };

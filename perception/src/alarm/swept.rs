@@ -248,34 +248,40 @@ fn as_traffic(path: &SweptPath, obstacle: &Obstacle) -> GroundMotion {
     }
 }
 
-/// When the arc length between front and obstacle is 0, in seconds, and the mean speed at which it closes until then, in m/s. `gap_m` is
-/// that length now, `ahead_m` after a time; `seconds` is a first guess. In a turn what comes from afar closes along the arc at first
-/// faster, later slower, so secants are drawn through the nearest times before and after the arrival (regula falsi).
-fn arrival(gap_m: f64, mut seconds: f64, ahead_m: impl Fn(f64) -> f64) -> (f64, f64) {
+/// When the arc length between front and obstacle is 0, in seconds, and the mean speed at which it closes, in m/s. `gap_m` is that
+/// length now, `ahead_m` after a time; `seconds` is a first guess. In a turn what comes from afar closes along the arc at first faster,
+/// later slower: chords from now lead to a time after the arrival, secants between both times to it (regula falsi). What passes
+/// beside a tight turn may only come near; it arrives when it is nearest. `None` if it does not come nearer.
+fn arrival(gap_m: f64, mut seconds: f64, ahead_m: impl Fn(f64) -> f64) -> Option<(f64, f64)> {
     let mut before = (0.0, gap_m);
     let mut after: Option<(f64, f64)> = None;
-    let mut mean_m_s = 0.0;
+    let between = |before: (f64, f64), after: (f64, f64)| {
+        before.0 + (after.0 - before.0) * before.1 / (before.1 - after.1)
+    };
     for _ in 0..MAX_SECANTS {
         let left_m = ahead_m(seconds);
-        mean_m_s = (gap_m - left_m) / seconds;
-        if left_m.abs() < ARRIVAL_ERROR_M || mean_m_s <= MIN_CLOSING_M_S {
-            break;
+        if left_m.abs() < ARRIVAL_ERROR_M {
+            return Some((seconds, gap_m / seconds));
         }
-        if left_m > 0.0 {
+        if left_m < 0.0 {
+            after = Some((seconds, left_m));
+        } else if left_m < before.1 {
             before = (seconds, left_m);
         } else {
-            after = Some((seconds, left_m));
+            break;
         }
         let next = match after {
-            Some(after) => before.0 + (after.0 - before.0) * before.1 / (before.1 - after.1),
-            None => (gap_m / mean_m_s).min(MAX_PREDICTION_S),
+            Some(after) => between(before, after),
+            None => gap_m * seconds / (gap_m - left_m),
         };
-        if next == seconds {
-            break;
+        if next > MAX_PREDICTION_S {
+            // Later than predictions reach.
+            return Some((MAX_PREDICTION_S, (gap_m - left_m) / seconds));
         }
         seconds = next;
     }
-    (seconds, mean_m_s)
+    let found_s = after.map_or(before.0, |after| between(before, after));
+    (found_s > 0.0).then(|| (found_s, gap_m / found_s))
 }
 
 /// How the vehicle meets an obstacle on its path.
@@ -303,13 +309,15 @@ pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
     if may_meet && gap_m > 0.0 && closing_m_s > MIN_CLOSING_M_S {
         let mut seconds = (gap_m / closing_m_s).min(MAX_PREDICTION_S);
         if ground.movement != Movement::Standing {
-            let (found_s, mean_m_s) = arrival(gap_m, seconds, ahead_m);
-            if mean_m_s > MIN_CLOSING_M_S {
+            let found = arrival(gap_m, seconds, ahead_m).filter(|(_, mean)| *mean > MIN_CLOSING_M_S);
+            if let Some((found_s, mean_m_s)) = found {
                 closing_m_s = mean_m_s;
                 let braking_m_s2 = obstacle.braking_m_s2();
-                seconds =
-                    if braking_m_s2 > 0.0 { braking_seconds(gap_m, mean_m_s, braking_m_s2) } else { found_s };
-                seconds = seconds.min(MAX_PREDICTION_S);
+                seconds = if braking_m_s2 > 0.0 {
+                    braking_seconds(gap_m, mean_m_s, braking_m_s2).min(MAX_PREDICTION_S)
+                } else {
+                    found_s
+                };
             }
         }
         arrival_s = Some(seconds);

@@ -293,7 +293,12 @@ impl Tracker {
                 filter.store_distance(motion.scale.map_or(MIN_SCALE_SIGMA, |image| image.sigma));
             }
         }
-        self.tell_motion();
+        // With what the images tell: in this frame, not in the next one.
+        self.tracks
+            .iter_mut()
+            .filter(|track| track.missed == 0)
+            .for_each(|track| track.filter.choose_model());
+        self.tell_movement();
         self.drop_implausible();
     }
 

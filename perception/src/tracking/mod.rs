@@ -215,6 +215,7 @@ impl Tracker {
             track.missed = track.missed.saturating_add(1);
             track.unseen_s += elapsed_s;
             track.detection = None;
+            track.movement_before = track.movement;
             self.bodies.push(association::inside(track.body(&self.rig), self.size));
         }
     }
@@ -307,18 +308,16 @@ impl Tracker {
                 track.filter.zero_velocity_update(sigma_m_s);
             }
         }
-        self.tell_motion();
+        self.tell_movement();
     }
 
-    /// Tells of the things that are seen whether they move, and whether they brake or accelerate.
-    fn tell_motion(&mut self) {
+    /// Tells of the things that are seen whether they move.
+    fn tell_movement(&mut self) {
+        let Some(own) = self.own else { return };
         for track in self.tracks.iter_mut().filter(|track| track.missed == 0) {
-            track.filter.choose_model();
-            if let Some(own) = &self.own {
-                // As the vehicle turns by an angle, it sees the sides of a thing turned by it.
-                let aspect_m_s = own.turning_rad_s() * track.front_m();
-                track.movement = track.filter.movement(track.movement, aspect_m_s, track.front_m());
-            }
+            // As the vehicle turns by an angle, it sees the sides of a thing turned by it.
+            let (width_m, before) = (track.front_m(), track.movement_before);
+            track.movement = track.filter.movement(before, own.turning_rad_s() * width_m, width_m);
         }
     }
 
@@ -407,7 +406,7 @@ impl Tracker {
             let (is_fresh, kept) = (!self.tracks[ended].was_lost(), &mut self.tracks[older]);
             if seen > kept.seen && is_fresh && !kept.is_followed {
                 kept.filter.take_motion(&filter);
-                (kept.movement, kept.seen) = (movement, seen);
+                (kept.movement, kept.movement_before, kept.seen) = (movement, movement, seen);
             }
             self.tracks[older].id = id;
             self.numbers.iter_mut().filter(|number| ids.contains(number)).for_each(|number| *number = id);

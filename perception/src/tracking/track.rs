@@ -61,6 +61,8 @@ pub struct Track {
     pub(super) is_followed: bool,
     /// Whether it moves over ground; unknown while the own motion is.
     pub movement: Movement,
+    /// The same in the frame before.
+    pub(super) movement_before: Movement,
     /// Whether its speeds are over ground.
     pub(super) is_over_ground: bool,
     /// Standard deviation of the closing speed of a standing thing in its place, in m/s.
@@ -99,6 +101,7 @@ impl Track {
             missed: 0,
             unseen_s: 0.0,
             movement: Movement::Unknown,
+            movement_before: Movement::Unknown,
             own_sigma_m_s: 0.0,
             is_over_ground: rates.is_some(),
         };

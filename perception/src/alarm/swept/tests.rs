@@ -150,6 +150,21 @@ fn what_comes_from_afar_in_a_turn_is_met_when_and_where_both_are() {
 }
 
 #[test]
+fn what_only_comes_near_in_a_tight_turn_arrives_when_it_is_nearest() {
+    let turn = path(1.0 / 9.8, 5.3);
+    let found = encounter(&turn, &car([-2.1, 39.5], [-3.4, -13.7], 19.0));
+    let ttc = found.time_to_collision.expect("it approaches");
+    assert!((1.5..3.2).contains(&ttc.seconds), "{ttc:?}");
+}
+
+#[test]
+fn what_is_followed_arrives_as_slowly_as_it_closes() {
+    let found = encounter(&path(0.0, 10.0), &car([0.0, 21.7], [0.0, 9.0], 1.0));
+    let ttc = found.time_to_collision.expect("it approaches");
+    assert!((ttc.seconds - 20.0).abs() < 0.5 && (found.closing_m_s - 1.0).abs() < 0.05, "{found:?}");
+}
+
+#[test]
 fn who_is_well_measured_and_passes_closely_is_not_in_the_way() {
     // A bicycle crosses with 3.8 m/s and is in the strip when we arrive, or its rear wheel's last third of a metre is.
     let straight = path(0.0, 11.0);

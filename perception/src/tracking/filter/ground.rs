@@ -106,8 +106,8 @@ impl Estimate {
         let chi2 = covariance.try_inverse().map_or(0.0, |inverse| (speed.transpose() * inverse * speed).x);
         let [across_sigma, along_sigma] = self.speed_sigma_m_s();
         let most_along = MAX_STANDING_SIGMA_M_S.max(MAX_STANDING_SIGMA_SHARE * self.own_rate[1].abs());
-        // Who begins to walk is at first as slow as the errors are large.
-        let may_walk = speed[0].abs() + across_sigma / 2.0 >= WALKING_M_S + seeming_m_s;
+        // Who walks is not said to stand while the errors are as large as his speed.
+        let may_walk = speed[0].abs() + across_sigma / 2.0 >= WALKING_M_S + seeming_m_s.hypot(aspect_m_s);
         let is_known = across_sigma < MAX_STANDING_SIGMA_M_S && along_sigma < most_along;
         if chi2 > MOVING_CHI2 {
             Movement::Moving

@@ -8,7 +8,8 @@ fn main() {
     let version = rest.split_once(';').expect("it is a statement").0;
     // A program that was linked with another layout of the structures does not start with this library.
     println!("cargo:rustc-cdylib-link-arg=-Wl,-soname,liblookout.so.{version}");
-    // The library's own ftruncate (ipc/src/free_memory.rs) is for the library, also where a program loads it with dlopen.
+    // The library's own ftruncate and fsync (ipc/src/free_memory.rs, file_sync.rs) are for the library, also where a program loads it
+    // with dlopen.
     println!("cargo:rustc-cdylib-link-arg=-Wl,-Bsymbolic-functions");
     println!("cargo:rerun-if-changed={PIPELINE}");
     println!("cargo:rerun-if-changed=build.rs");

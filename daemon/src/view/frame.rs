@@ -220,7 +220,7 @@ impl Frame {
         let every = ((map.as_slice().len() as f64 / POINTS as f64).sqrt() as usize).max(1);
         let parameters = PointCloudParameters {
             step: every,
-            // As far as things are told from the road.
+            // As far as things are told from the road by default.
             max_distance_m: RegionParameters::range_m(&self.rig),
             ..PointCloudParameters::default()
         };

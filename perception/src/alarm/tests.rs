@@ -112,6 +112,30 @@ fn each_rule_fires_at_its_limit() {
 }
 
 #[test]
+fn a_level_waits_until_the_speed_is_known_and_is_confirmed_meanwhile() {
+    // Sightings at a gap below 20 m, and beyond: 0.4 and 0.64 s, the last of them the second that triggers the rule.
+    for (from_m, closing_m_s, sightings) in [(18.0, 8.0, 5), (30.0, 14.0, 8)] {
+        let mut alarm = alarm();
+        let first = (1..20).find(|&seen| {
+            let z = from_m - closing_m_s * 0.08 * f64::from(seen - 1);
+            let new = Candidate { seen, consecutive_frames: seen, ..at(z, closing_m_s) };
+            alarm.update(u64::from(seen) * PERIOD_NS, true, [new]).level > AlarmLevel::Clear
+        });
+        assert_eq!(first, Some(sightings), "from {from_m} m");
+    }
+}
+
+#[test]
+fn a_distance_is_not_confirmed_by_a_speed_that_is_not_yet_known() {
+    let mut alarm = alarm();
+    let levels = [(11.5, 2), (9.0, 3), (8.0, 4)].map(|(z, seen)| {
+        let new = Candidate { seen, consecutive_frames: seen, ..at(z, 11.0) };
+        alarm.update(u64::from(seen) * PERIOD_NS, true, [new]).level
+    });
+    assert_eq!(levels, [AlarmLevel::Clear, AlarmLevel::Clear, AlarmLevel::Alarm]);
+}
+
+#[test]
 fn one_frame_raises_nothing() {
     let mut alarm = alarm();
     for frame in 0..20 {

@@ -23,9 +23,9 @@ pub struct PathLine {
     pub sigma_m: Vec<f64>,
 }
 
-/// Time for which the path is drawn ahead of the vehicle's front, in seconds: a warning looks less far ahead.
+/// Time for which the path is drawn ahead of the vehicle's front, in seconds: by default a warning by time to collision looks less far ahead.
 const LENGTH_S: f64 = 3.0;
-/// Smallest and largest length, in metres: the second is the range of any rig.
+/// Smallest and largest length, in metres: the bounds of a rig's range.
 const LENGTHS_M: [f64; 2] = [60.0, 100.0];
 /// Step between two points, in metres.
 const STEP_M: f64 = 4.0;

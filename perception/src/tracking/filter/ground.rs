@@ -189,8 +189,8 @@ mod tests {
         }
     }
 
-    /// Frames after which somebody who stands and then walks across with 1.4 m/s is told to move, of a thing of this width.
-    fn frames_until_told(seed: u64, width_m: f64) -> usize {
+    /// What is said in 40 frames of a thing of this width that from a frame on moves across with this speed.
+    fn movements(seed: u64, width_m: f64, from_frame: usize, speed_m_s: f64) -> Vec<Movement> {
         let mut random = fastrand::Rng::with_seed(seed);
         let mut normal = || (0..12).map(|_| random.f64()).sum::<f64>() - 6.0;
         let motion = Motion { speed_m_s: 10.0, speed_sigma_m_s: 0.1, ..Motion::default() };
@@ -198,36 +198,50 @@ mod tests {
         let (step, rates) = (PlanarStep::of(&motion, &body, PERIOD_S), OwnRates::of(&motion, &body));
         let mut place = [4.0, 45.0];
         let mut measure =
-            |place: [f64; 2]| (SCALE / place[1] + 0.06 * normal(), place[0] / place[1] + 0.002 * normal());
+            |place: [f64; 2]| (SCALE / place[1] + 0.06 * normal(), place[0] / place[1] + 0.006 * normal());
         let (disparity, bearing) = measure(place);
-        let mut filter = TrackFilter::new(SCALE, (disparity, 0.06), (bearing, 0.002 * place[1]));
+        let mut filter = TrackFilter::new(SCALE, (disparity, 0.06), (bearing, 0.006 * place[1]));
         filter.start_over_ground(&rates);
         let mut movement = Movement::Unknown;
-        for frame in 0..40 {
+        let frames = (0..40).map(|frame| {
             filter.predict_over_ground(&step, &rates, PERIOD_S);
-            let across_m_s = if frame < 15 { 0.0 } else { -1.4 };
+            let across_m_s = if frame < from_frame { 0.0 } else { speed_m_s };
             place = step.place([place[0] + across_m_s * PERIOD_S, place[1]]);
             let (disparity, bearing) = measure(place);
             filter.measure_disparity(disparity, 0.06);
-            filter.measure_across([bearing * place[1], place[1]], 0.002 * place[1], true);
+            filter.measure_across([bearing * place[1], place[1]], 0.006 * place[1], true);
             movement = filter.movement(movement, 0.0, width_m);
-            if frame >= 15 && movement == Movement::Moving {
-                return frame - 15;
-            }
-        }
-        25
+            movement
+        });
+        frames.collect()
     }
 
     #[test]
     fn who_begins_to_walk_is_told_sooner_than_a_wall_whose_visible_part_changes() {
         let median = |width_m: f64| {
-            let mut frames: Vec<usize> = (0..40).map(|seed| frames_until_told(seed, width_m)).collect();
+            let mut frames: Vec<usize> = (0..40)
+                .map(|seed| {
+                    let said = movements(seed, width_m, 15, -1.4);
+                    said[15..].iter().position(|m| *m == Movement::Moving).unwrap_or(25)
+                })
+                .collect();
             frames.sort_unstable();
             frames[20]
         };
         let (person, car) = (median(0.6), median(1.8));
         println!("told to move after {person} frames of walking, a thing as wide as a car after {car}");
         assert!(person <= 11 && car > person, "{person} {car}");
+    }
+
+    #[test]
+    fn who_walks_is_hardly_ever_said_to_stand_and_who_stands_is() {
+        let standing = |speed_m_s: f64| {
+            let said = (0..40).flat_map(|seed| movements(seed, 0.6, 0, speed_m_s));
+            said.filter(|m| *m == Movement::Standing).count()
+        };
+        let (walks, stands) = (standing(-1.4), standing(0.0));
+        println!("of 1600 frames said to stand: who walks {walks}, who stands {stands}");
+        assert!(walks <= 16 && stands >= 1000, "{walks} {stands}");
     }
 
     #[test]

@@ -199,9 +199,40 @@ impl Bench {
         self.path(name).display().to_string()
     }
 
+    /// A recording of noise with a rig, for what only needs many pixels.
+    pub fn record_noise(&self, name: &str, frames: u64, (width, height): (u32, u32)) -> String {
+        let mut state = 1_u32;
+        for side in ["left", "right"] {
+            std::fs::create_dir_all(self.path(name).join(side)).expect("folders");
+            for index in 0..frames {
+                let pixels: Vec<u8> = std::iter::repeat_with(|| {
+                    state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    (state >> 24) as u8
+                })
+                .take(width as usize * height as usize)
+                .collect();
+                save_grey(
+                    &self.path(name).join(side).join(format!("{index:06}.pgm")),
+                    &pixels,
+                    width,
+                    height,
+                );
+            }
+        }
+        let rig = format!(
+            "focal_px = {:?}\nbaseline_m = 0.12\ncx_px = {:?}\ncy_px = {:?}\n",
+            width as f32,
+            width as f32 / 2.0,
+            height as f32 / 2.0
+        );
+        std::fs::write(self.path(name).join("rig.toml"), rig).expect("the rig is written");
+        self.path(name).display().to_string()
+    }
+
     /// What `lookout status --json` says, once there is a daemon and `wanted` is true of it.
     pub fn status_when(&self, wanted: impl Fn(&serde_json::Value) -> bool) -> serde_json::Value {
         let start = Instant::now();
+        let mut last = None;
         loop {
             let output = self.run(&["status", "--json"]);
             if output.status.success() {
@@ -209,8 +240,13 @@ impl Bench {
                 if wanted(&status) {
                     return status;
                 }
+                last = Some(status);
             }
-            assert!(start.elapsed() < WATCHDOG, "the wanted status never came");
+            let errors = String::from_utf8_lossy(&output.stderr);
+            assert!(
+                start.elapsed() < WATCHDOG,
+                "the wanted status never came; the last, and what the last call printed: {last:?}\n{errors}"
+            );
             std::thread::sleep(Duration::from_millis(20));
         }
     }

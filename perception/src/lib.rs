@@ -29,6 +29,7 @@ pub mod free_space;
 pub mod image;
 pub mod image_quality;
 pub mod motion;
+pub mod outline;
 pub mod point_cloud;
 pub mod recognition;
 pub mod rectify;

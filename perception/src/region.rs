@@ -1,5 +1,6 @@
 //! Pixel boxes and obstacle regions: the output of detection and the input of tracking.
 
+use crate::outline::Outline;
 use crate::rig::Rig;
 
 /// An axis-aligned box in an image, in pixels.
@@ -60,6 +61,8 @@ pub struct Region {
     /// By how much the thing itself ends inside of the left and of the right side of the box, in metres: where a side that
     /// runs away from the camera is seen, the box at the near distance reaches farther towards the image centre than it.
     pub inset_m: [f64; 2],
+    /// Its outline between these ends.
+    pub outline: Outline,
     /// Number of obstacle pixels.
     pub pixels: u32,
     /// Mean confidence of these pixels, 0 to 1.
@@ -81,10 +84,11 @@ impl Region {
     pub fn is_valid(&self) -> bool {
         let sizes = [self.disparity_sigma_px, self.distance_m, self.width_m, self.height_m];
         let PixelBox { x, y, width, height } = self.bounds;
+        let outline_m = self.outline.inset_m.iter().chain(&self.outline.depth_m);
         self.disparity_px > 1.0 / MAX_MEASURE
             && self.disparity_px <= MAX_MEASURE
             && self.lateral_m.abs() <= MAX_MEASURE
-            && sizes.iter().chain(&self.inset_m).all(|v| (0.0..=MAX_MEASURE).contains(v))
+            && sizes.iter().chain(&self.inset_m).chain(outline_m).all(|v| (0.0..=MAX_MEASURE).contains(v))
             && self.evidence.abs() <= MAX_MEASURE
             && x.checked_add(width).is_some()
             && y.checked_add(height).is_some()
@@ -93,11 +97,13 @@ impl Region {
     /// Sets the first column of the box and the column after its last one; updates width and lateral
     /// position.
     pub(crate) fn set_sides(&mut self, (first, end): (u32, u32), rig: &Rig) {
-        let ends_m = self.ends_m();
+        let (ends_m, outline) = (self.ends_m(), self.outline);
         (self.bounds.x, self.bounds.width) = (first, end - first);
         self.width_m = f64::from(self.bounds.width) * self.distance_m / rig.focal_px;
         self.lateral_m = rig.lateral_m(0.5 * f64::from(first + end), self.distance_m);
         self.set_ends(ends_m);
+        self.outline = outline;
+        self.outline.limit(self.thing_m());
     }
 
     /// Where the thing itself ends to the left and to the right, in metres right of the camera axis.
@@ -122,17 +128,37 @@ impl Region {
     /// Joins a part of the same thing. The near side remains what it is.
     pub(crate) fn join(&mut self, part: &Region, rig: &Rig) {
         let ends = [self.ends_m(), part.ends_m()];
+        let face_m = [ends[0][0] + self.outline.inset_m[0], ends[0][1] - self.outline.inset_m[1]];
+        let behind_m = (part.distance_m - self.distance_m).max(0.0);
+        for (i, is_outside) in [ends[1][0] < ends[0][0], ends[1][1] > ends[0][1]].into_iter().enumerate() {
+            if is_outside {
+                self.outline.depth_m[i] = (part.outline.depth_m[i] + behind_m).min(BODY_LENGTH_M);
+            }
+        }
         self.bounds = self.bounds.joined(&part.bounds);
         self.width_m = f64::from(self.bounds.width) * self.distance_m / rig.focal_px;
         let middle = f64::from(self.bounds.x) + f64::from(self.bounds.width) / 2.0;
         self.lateral_m = rig.lateral_m(middle, self.distance_m);
         self.set_ends([ends[0][0].min(ends[1][0]), ends[0][1].max(ends[1][1])]);
+        self.set_face(face_m);
         self.height_m = self.height_m.max(part.height_m);
         let pixels = [self.pixels, part.pixels].map(f64::from);
         self.confidence =
             (self.confidence * pixels[0] + part.confidence * pixels[1]) / (pixels[0] + pixels[1]).max(1.0);
         self.pixels = self.pixels.saturating_add(part.pixels);
         self.evidence = self.evidence.max(part.evidence);
+    }
+
+    /// Sets where the near face begins and ends, in metres right of the camera axis.
+    pub(crate) fn set_face(&mut self, face_m: [f64; 2]) {
+        let ends_m = self.ends_m();
+        self.outline.inset_m = [(face_m[0] - ends_m[0]).max(0.0), (ends_m[1] - face_m[1]).max(0.0)];
+        self.outline.limit(self.thing_m());
+    }
+
+    /// Width of the thing itself, in metres.
+    fn thing_m(&self) -> f64 {
+        self.width_m - self.inset_m[0] - self.inset_m[1]
     }
 
     /// Sets where the thing itself ends, as far as that is within the box.
@@ -160,6 +186,7 @@ mod tests {
             width_m: 3.0,
             height_m: 1.5,
             inset_m: [0.0, 1.0],
+            outline: Outline::default(),
             pixels: 100,
             confidence: 0.9,
             evidence: 5.0,

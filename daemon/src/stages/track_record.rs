@@ -1,6 +1,7 @@
 //! A tracked obstacle between its record in the message `regions` and the type of the algorithms.
 
 use messages::track::TrackRecord;
+use perception::outline::Outline;
 use perception::region::PixelBox;
 use perception::rig::Rig;
 use perception::tracking::Obstacle;
@@ -31,6 +32,8 @@ pub fn record(obstacle: &Obstacle, rig: &Rig) -> TrackRecord {
         lateral_m: obstacle.lateral_m,
         lateral_sigma_m: ground.map_or(0.0, |g| g.place_sigma_m[0]),
         width_m: obstacle.width_m,
+        outline_inset_m: obstacle.outline.inset_m,
+        outline_depth_m: obstacle.outline.depth_m,
         height_m: obstacle.height_m,
         across_m_s: obstacle.lateral_speed_m_s,
         across_sigma_m_s: obstacle.lateral_speed_sigma_m_s,
@@ -70,6 +73,7 @@ pub fn obstacle(record: &TrackRecord) -> Obstacle {
         lateral_speed_m_s: record.across_m_s,
         lateral_speed_sigma_m_s: record.across_sigma_m_s,
         width_m: record.width_m,
+        outline: Outline { inset_m: record.outline_inset_m, depth_m: record.outline_depth_m },
         height_m: record.height_m,
         closing_m_s: record.closing_m_s,
         closing_sigma_m_s: record.closing_sigma_m_s,
@@ -106,6 +110,7 @@ mod tests {
             lateral_speed_m_s: 0.7,
             lateral_speed_sigma_m_s: 0.2,
             width_m: 1.8,
+            outline: Outline { inset_m: [0.2, 0.4], depth_m: [1.5, 2.5] },
             height_m: 1.4,
             closing_m_s: 9.0,
             closing_sigma_m_s: 0.6,

@@ -54,6 +54,10 @@ pub struct TrackRecord {
     pub lateral_sigma_m: f64,
     /// Width in metres.
     pub width_m: f64,
+    /// How far inside of its left and of its right end the near face begins, in metres.
+    pub outline_inset_m: [f64; 2],
+    /// How far behind the near face its left and its right end are, in metres.
+    pub outline_depth_m: [f64; 2],
     /// Height in metres.
     pub height_m: f64,
     /// Filtered lateral speed in m/s; positive to the right.
@@ -99,6 +103,8 @@ ranges! {
         lateral_m: LATERAL_M,
         lateral_sigma_m: METRES,
         width_m: METRES,
+        outline_inset_m: Each(METRES),
+        outline_depth_m: Each(METRES),
         height_m: METRES,
         across_m_s: SPEED_M_S,
         across_sigma_m_s: SPEED_SIGMA_M_S,

@@ -3,6 +3,7 @@
 use super::path::LateralMotion;
 use super::swept::{MIN_GAP_M, Obstacle, encounter};
 use crate::motion::path::SweptPath;
+use crate::outline::Outline;
 use crate::tracking::Obstacle as Tracked;
 use crate::tracking::filter::ground::{GroundMotion, Movement};
 use crate::tracking::filter::{TimeToCollision, braking_seconds};
@@ -34,6 +35,8 @@ pub struct Candidate {
     pub time_to_collision: Option<TimeToCollision>,
     /// Lateral position and speed.
     pub motion: LateralMotion,
+    /// Outline of the thing.
+    pub outline: Outline,
     /// Motion over ground; `None` if the own motion is unknown.
     pub ground: Option<GroundMotion>,
     /// Whether the vehicle drives towards it, so that its distance alone may raise the alarm; on the straight strip that
@@ -63,6 +66,7 @@ impl Candidate {
                 speed_sigma_m_s: tracked.lateral_speed_sigma_m_s,
                 width_m: tracked.width_m,
             },
+            outline: tracked.outline,
             ground: tracked.ground,
             is_approached: true,
             gap_m: tracked.distance_m,
@@ -77,6 +81,8 @@ impl Candidate {
         [lateral_m, speed_m_s, speed_sigma_m_s, width_m, self.distance_m, self.closing_m_s, self.width_jitter]
             .into_iter()
             .chain(ttc)
+            .chain(self.outline.inset_m)
+            .chain(self.outline.depth_m)
             .chain(
                 self.ground
                     .iter()
@@ -95,6 +101,7 @@ impl Candidate {
         Some(Obstacle {
             place_m: [self.motion.lateral_m, self.distance_m],
             width_m: self.motion.width_m,
+            outline: self.outline,
             closing_m_s: self.closing_m_s,
             time_to_collision: self.time_to_collision,
             ground: self.ground?,

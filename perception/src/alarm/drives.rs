@@ -10,6 +10,7 @@ use crate::motion::Motion;
 use crate::motion::body::Body;
 use crate::motion::curvature::CurvatureFilter;
 use crate::motion::path::SweptPath;
+use crate::outline::Outline;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 use crate::road::edge_curve::{EdgeCurve, edge_curve};
@@ -185,6 +186,7 @@ fn region(camera: Place, thing: &Thing, at: Place, random: &mut fastrand::Rng) -
         width_m: f64::from(width) * distance_m / RIG.focal_px,
         height_m: 1.5,
         inset_m: [0.0; 2],
+        outline: Outline::default(),
         pixels: 2000,
         confidence: 0.9,
         evidence: 4.0,

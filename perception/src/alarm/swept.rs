@@ -13,6 +13,7 @@
 
 use crate::motion::path::{AlongPath, SweptPath};
 use crate::motion::planar::Planar;
+use crate::outline::Outline;
 use crate::tracking::filter::ground::{GroundMotion, Movement};
 use crate::tracking::filter::{TimeToCollision, braking_seconds};
 use crate::tracking::parameters::{WANDER_NOISE, WANDER_TIME_S};
@@ -24,6 +25,8 @@ pub struct Obstacle {
     pub place_m: Planar,
     /// Width of its front, in metres.
     pub width_m: f64,
+    /// Its outline.
+    pub outline: Outline,
     /// Closing speed along the axis, in m/s.
     pub closing_m_s: f64,
     /// Time to collision along the axis, if it approaches significantly; with its braking, if it brakes.
@@ -123,17 +126,37 @@ struct Front {
     nearest: AlongPath,
 }
 
-/// The front of width `width_m` centred at `place` along the path.
-fn front(path: &SweptPath, place: Planar, width_m: f64) -> Front {
-    let side = |share: f64| path.along([place[0] + share * width_m, place[1]]);
-    let (left, right) = (side(-0.5), side(0.5));
-    // Where the front crosses the path, or the side that is nearer to it. The offset changes evenly enough across.
-    let span = right.offset_m - left.offset_m;
-    let share = if span.abs() > 1e-9 { (-left.offset_m / span).clamp(0.0, 1.0) } else { 0.5 };
-    let nearest = side(share - 0.5);
-    let least = left.offset_m.min(right.offset_m).min(nearest.offset_m);
-    let most = left.offset_m.max(right.offset_m).max(nearest.offset_m);
-    Front { left_m: least, right_m: most, nearest }
+/// The front of an obstacle whose middle is at `place` along the path.
+fn front(path: &SweptPath, place: Planar, obstacle: &Obstacle) -> Front {
+    let points = obstacle.outline.points_m(place, obstacle.width_m);
+    let ends = points.map(|point| path.along(point));
+    let span = |points: &[AlongPath]| {
+        points.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], point| {
+            [least.min(point.offset_m), most.max(point.offset_m)]
+        })
+    };
+    // In a bend it matters how far away an end is. That the outline reaches farther into the path than the whole width would at the
+    // near side is not believed: the ends are those where depth is measured worst.
+    let half_m = obstacle.width_m / 2.0;
+    let flat = span(&[-half_m, half_m].map(|side_m| path.along([place[0] + side_m, place[1]])));
+    let seen = span(&ends);
+    let (least, most) = (flat[0].max(seen[0]), flat[1].min(seen[1]));
+    // Where the outline crosses the path, else the point that is nearest to it. The offset changes evenly enough between two points.
+    let nearer = |a: AlongPath, b: AlongPath| if b.offset_m.abs() < a.offset_m.abs() { b } else { a };
+    let mut nearest = nearer(nearer(ends[0], ends[1]), nearer(ends[2], ends[3]));
+    let mut first_m = f64::INFINITY;
+    for i in 0..points.len() - 1 {
+        let (from, to) = (ends[i].offset_m, ends[i + 1].offset_m);
+        if from * to < 0.0 {
+            let share = from / (from - to);
+            let [a, b] = [points[i], points[i + 1]];
+            let crossing = path.along([a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])]);
+            if crossing.arc_m < first_m {
+                (first_m, nearest) = (crossing.arc_m, crossing);
+            }
+        }
+    }
+    Front { left_m: least.min(most), right_m: most.max(least), nearest }
 }
 
 /// Probability that a front overlaps the strip, if its offset has an error of `sigma_m`.
@@ -200,10 +223,10 @@ fn variance_m2(
 /// Standard deviation of the path across for what follows it from the arc length `now_m` to `arrival_m`, in metres. The heading of
 /// what comes towards us tells how the road turns up to there: in doubt is our way to the meeting, and its own from where it is.
 /// (A bend that is not known shifts it there by δ(s) and turns its speed by δ'(s); from there back to the meeting that is the
-/// deviation from its tangent.)
-fn followed_sigma_m(path: &SweptPath, now_m: f64, arrival_m: f64) -> f64 {
+/// deviation from its tangent.) It drives its part in the `seconds` until then.
+fn followed_sigma_m(path: &SweptPath, now_m: f64, arrival_m: f64, seconds: f64) -> f64 {
     if arrival_m < now_m {
-        path.sigma_m(arrival_m).hypot(path.sigma_m(now_m - arrival_m))
+        path.sigma_m(arrival_m).hypot(path.sigma_after_m(now_m - arrival_m, seconds))
     } else {
         path.sigma_m(now_m)
     }
@@ -286,18 +309,18 @@ fn arrival(gap_m: f64, mut seconds: f64, ahead_m: impl Fn(f64) -> f64) -> Option
 
 /// How the vehicle meets an obstacle on its path.
 pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
-    let Obstacle { place_m: place, width_m, .. } = *obstacle;
+    let place = obstacle.place_m;
     let ground = as_traffic(path, obstacle);
     let at =
         |seconds: f64| [place[0] + ground.speed_m_s[0] * seconds, place[1] + ground.speed_m_s[1] * seconds];
-    let now = front(path, place, width_m);
+    let now = front(path, place, obstacle);
     let camera_m = path.body.rear_axle_m;
     let distance_m = now.nearest.arc_m - camera_m;
     // What is hit is the front, so arrival is its arrival.
     let gap_m = distance_m - path.body.front_m;
     // Arc length between front and obstacle after a time.
     let ahead_m = |seconds: f64| {
-        front(path, at(seconds), width_m).nearest.arc_m
+        front(path, at(seconds), obstacle).nearest.arc_m
             - camera_m
             - path.body.front_m
             - path.speed_m_s * seconds
@@ -323,7 +346,7 @@ pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
         arrival_s = Some(seconds);
     }
     let seconds = arrival_s.unwrap_or(0.0);
-    let then = front(path, at(seconds), width_m);
+    let then = front(path, at(seconds), obstacle);
     // Whether it may follow our path, as traffic does, or can only go on as it goes.
     let may_follow = following_m_s2(path, &ground, &now.nearest) <= MAX_FOLLOWING_M_S2;
     let own_m2 = |along: &AlongPath, seconds: f64| variance_m2(path, &ground, along, may_follow, seconds);
@@ -338,7 +361,8 @@ pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
     // Along the path, across its heading at the obstacle.
     let (sine, cosine) = now.nearest.heading_rad.sin_cos();
     let across_m_s = cosine * ground.speed_m_s[0] + sine * ground.speed_m_s[1];
-    let along_sigma_m = own_m2(&now.nearest, seconds).sqrt().hypot(followed_sigma_m(path, now_m, arrival_m));
+    let along_sigma_m =
+        own_m2(&now.nearest, seconds).sqrt().hypot(followed_sigma_m(path, now_m, arrival_m, seconds));
     let along_path = overlap(path, &now, across_m_s * seconds, along_sigma_m);
     let is_straight = !may_follow || (probability_now >= IN_THE_WAY) == (straight >= along_path);
     let (probability_then, sigma_then, clearance_m) = if is_straight {

@@ -265,6 +265,7 @@ mod tests {
     use super::super::stixels::StixelParameters;
     use super::*;
     use crate::depth::DepthView;
+    use crate::outline::Outline;
     use crate::region::PixelBox;
     use crate::rig::Rig;
     use crate::road::surface::RoadSurface;
@@ -334,6 +335,7 @@ mod tests {
             width_m: 0.3,
             height_m: 1.0,
             inset_m: [0.0; 2],
+            outline: Outline::default(),
             pixels: 500,
             confidence: 0.9,
             evidence: 4.0,

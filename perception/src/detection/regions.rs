@@ -4,7 +4,8 @@ use super::photometric::Verifier;
 use super::sides::join_sides;
 use super::stixel_use::StixelUse;
 use super::stixels::{STRIP_COLUMNS, Stixel, Stixels};
-use crate::region::{PixelBox, Region};
+use crate::outline::Outline;
+use crate::region::{BODY_LENGTH_M, PixelBox, Region};
 use crate::rig::Rig;
 use crate::road::surface::RoadSurface;
 
@@ -357,12 +358,16 @@ impl RegionFinder {
             width_m: metres(bounds.width),
             height_m,
             inset_m: [0.0; 2],
+            outline: Outline::default(),
             pixels,
             confidence: confidence / (255.0 * f64::from(rows.max(1))),
             evidence: 0.0,
         };
         let members = self.members.iter().map(|&i| &list[i as usize]);
-        region.set_ends(ends_m(members, disparity_px, rig));
+        let seen = Footprint::of(members, disparity_px, rig);
+        region.set_ends(seen.ends_m);
+        region.outline.depth_m = seen.depth_m.map(|depth_m| depth_m.min(BODY_LENGTH_M));
+        region.set_face(seen.face_m);
         let kept = stands
             && region.height_m >= p.min_height_m
             && prominence(&region, surface) >= MIN_PROMINENCE
@@ -476,45 +481,102 @@ fn linked(a: &Stixel, b: &Stixel, surface: &RoadSurface, px_at_1_m: f32) -> bool
     adjacent && (a.disparity_px - b.disparity_px).abs() <= tolerance
 }
 
-/// Where the thing that these stixels show ends to the left and to the right, in metres right of the camera axis: each
-/// stixel counts at its own depth, none nearer than the near side.
-fn ends_m<'a>(members: impl Iterator<Item = &'a Stixel>, near_px: f64, rig: &Rig) -> [f64; 2] {
-    members.fold([f64::INFINITY, f64::NEG_INFINITY], |[left_m, right_m], stixel| {
-        let distance_m =
-            rig.distance_m(f64::from(stixel.disparity_px).clamp(MIN_SIDE_PX, near_px.max(MIN_SIDE_PX)));
-        let columns = [stixel.strip, stixel.strip + 1].map(|strip| f64::from(strip) * STRIP_COLUMNS as f64);
-        let [first, end] = columns.map(|column| rig.lateral_m(column, distance_m));
-        [left_m.min(first), right_m.max(end)]
-    })
+/// What stixels show of a thing on the ground: each counts at its own depth, none nearer than the near side.
+struct Footprint {
+    /// Where it ends to the left and to the right, in metres right of the camera axis.
+    ends_m: [f64; 2],
+    /// How far behind the near side both ends are, in metres.
+    depth_m: [f64; 2],
+    /// Where its near face ends to the left and to the right: what is as near as the blur of the matcher tells.
+    face_m: [f64; 2],
+}
+
+impl Footprint {
+    fn of<'a>(members: impl Iterator<Item = &'a Stixel>, near_px: f64, rig: &Rig) -> Self {
+        let nowhere = [f64::INFINITY, f64::NEG_INFINITY];
+        let mut seen = Self { ends_m: nowhere, depth_m: [0.0; 2], face_m: nowhere };
+        let near_px = near_px.max(MIN_SIDE_PX);
+        let near_m = rig.distance_m(near_px);
+        for stixel in members {
+            let disparity_px = f64::from(stixel.disparity_px).clamp(MIN_SIDE_PX, near_px);
+            let distance_m = rig.distance_m(disparity_px);
+            let columns =
+                [stixel.strip, stixel.strip + 1].map(|strip| f64::from(strip) * STRIP_COLUMNS as f64);
+            let [first_m, end_m] = columns.map(|column| rig.lateral_m(column, distance_m));
+            let is_near = near_px - disparity_px <= FACE_HALF_WIDTH_PX;
+            let depth_m = if is_near { 0.0 } else { distance_m - near_m };
+            if first_m < seen.ends_m[0] {
+                (seen.ends_m[0], seen.depth_m[0]) = (first_m, depth_m);
+            }
+            if end_m > seen.ends_m[1] {
+                (seen.ends_m[1], seen.depth_m[1]) = (end_m, depth_m);
+            }
+            if is_near {
+                seen.face_m = [seen.face_m[0].min(first_m), seen.face_m[1].max(end_m)];
+            }
+        }
+        if seen.face_m[0] > seen.face_m[1] {
+            // No stixel is as near as the side that the pixels show: nothing is known of its outline.
+            Self { depth_m: [0.0; 2], face_m: seen.ends_m, ..seen }
+        } else {
+            seen
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn a_side_that_runs_away_is_where_it_is_and_not_where_the_box_is() {
-        let rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 240.0 };
-        // A car on the right, its left side 1.5 m from the axis and 6 to 10 m away, its rear 1.8 m wide.
-        let column = |x: f64, z: f64| rig.cx_px + rig.focal_px * x / z;
-        let side = (0..=20).map(|i| (1.5, 6.0 + 0.2 * f64::from(i)));
-        let rear = (0..=20).map(|i| (1.5 + 0.09 * f64::from(i), 6.0));
-        let stixels: Vec<Stixel> = side
-            .chain(rear)
+    const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 240.0 };
+
+    /// Where a point is seen that is `x` metres to the right and `z` ahead.
+    fn column(x: f64, z: f64) -> f64 {
+        RIG.cx_px + RIG.focal_px * x / z
+    }
+
+    /// Stixels of points on the ground: metres to the right and ahead.
+    fn stixels(points: impl Iterator<Item = (f64, f64)>) -> Vec<Stixel> {
+        points
             .map(|(x, z)| Stixel {
                 strip: (column(x, z) / STRIP_COLUMNS as f64) as u32,
                 top: 200,
                 bottom: 260,
                 rows: 60,
-                disparity_px: rig.disparity_px(z) as f32,
+                disparity_px: RIG.disparity_px(z) as f32,
                 confidence: 200.0,
                 high_m: 1.4,
                 low_m: 0.1,
             })
-            .collect();
-        let [left_m, right_m] = ends_m(stixels.iter(), rig.disparity_px(6.0), &rig);
+            .collect()
+    }
+
+    #[test]
+    fn a_side_that_runs_away_is_where_it_is_and_not_where_the_box_is() {
+        // A car on the right, its left side 1.5 m from the axis and 6 to 10 m away, its rear 1.8 m wide.
+        let side = (0..=20).map(|i| (1.5, 6.0 + 0.2 * f64::from(i)));
+        let rear = (0..=20).map(|i| (1.5 + 0.09 * f64::from(i), 6.0));
+        let stixels = stixels(side.chain(rear));
+        let Footprint { ends_m: [left_m, right_m], depth_m, face_m } =
+            Footprint::of(stixels.iter(), RIG.disparity_px(6.0), &RIG);
         assert!((left_m - 1.5).abs() < 0.06 && (right_m - 3.3).abs() < 0.06, "{left_m} {right_m}");
-        let box_left_m = rig.lateral_m(column(1.5, 10.0), 6.0);
+        assert!(depth_m[1] == 0.0 && (face_m[1] - right_m).abs() < 1e-9, "{depth_m:?} {face_m:?}");
+        let box_left_m = RIG.lateral_m(column(1.5, 10.0), 6.0);
         assert!(box_left_m < 1.0, "the box reaches to {box_left_m} m");
+    }
+
+    #[test]
+    fn of_a_car_that_is_turned_a_corner_is_nearest() {
+        // A corner at 2 m to the right and 8 m ahead; the rear runs away to the right, the side to the left.
+        let rear = (0..=20).map(|i| (2.0 + 0.08 * f64::from(i), 8.0 + 0.04 * f64::from(i)));
+        let side = (0..=20).map(|i| (2.0 - 0.09 * f64::from(i), 8.0 + 0.18 * f64::from(i)));
+        let stixels = stixels(rear.chain(side));
+        let Footprint { ends_m, depth_m, face_m } =
+            Footprint::of(stixels.iter(), RIG.disparity_px(8.0), &RIG);
+        let near = |a: [f64; 2], b: [f64; 2], m: f64| (a[0] - b[0]).abs() < m && (a[1] - b[1]).abs() < m;
+        assert!(near(ends_m, [0.2, 3.6], 0.08), "{ends_m:?}");
+        assert!(near(depth_m, [3.6, 0.8], 0.2), "{depth_m:?}");
+        // What differs by less than the blur of the matcher is as near as the corner: 0.2 m here.
+        assert!(near(face_m, [1.9, 2.45], 0.15), "{face_m:?}");
     }
 }

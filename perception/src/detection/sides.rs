@@ -67,6 +67,7 @@ fn is_side(far: &Region, near: &Region) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::outline::Outline;
     use crate::region::PixelBox;
 
     const KITTI: Rig = Rig { focal_px: 984.0, baseline_m: 0.537, cx_px: 696.0, cy_px: 240.0 };
@@ -88,6 +89,7 @@ mod tests {
             evidence,
             disparity_sigma_px: 0.1,
             inset_m: [0.0; 2],
+            outline: Outline::default(),
             confidence: 0.9,
         }
     }

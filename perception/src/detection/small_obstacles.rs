@@ -11,6 +11,7 @@
 use super::regions::MIN_EVIDENCE;
 use super::residual::{Band, Residual, RoadGeometry, Sums, Window, sample};
 use crate::image::GreyView;
+use crate::outline::Outline;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 use crate::road::surface::RoadSurface;
@@ -310,6 +311,7 @@ impl SmallObstacleFinder {
             width_m: f64::from(bounds.width) * distance_m / rig.focal_px,
             height_m,
             inset_m: [0.0; 2],
+            outline: Outline::default(),
             pixels: bounds.width * bounds.height,
             confidence: log_likelihood / (log_likelihood + NEUTRAL_LOG_LIKELIHOOD),
             evidence: evidence(log_likelihood),

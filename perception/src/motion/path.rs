@@ -151,11 +151,15 @@ impl SweptPath {
     /// Standard deviation of the path across at this arc length, in metres: of the curvature, and what the driver may
     /// change until then.
     pub fn sigma_m(&self, arc_m: f64) -> f64 {
+        self.sigma_after_m(arc_m, arc_m.max(0.0) / self.speed_m_s.abs().max(MIN_SPEED_M_S))
+    }
+
+    /// The same of what follows the path over this arc length in so many seconds.
+    pub fn sigma_after_m(&self, arc_m: f64, seconds: f64) -> f64 {
         if self.is_at_rest() {
             return 0.0;
         }
         let arc_m = arc_m.max(0.0);
-        let seconds = arc_m / self.speed_m_s.abs().max(MIN_SPEED_M_S);
         let lateral_m_s2 = self.speed_m_s * self.speed_m_s * self.curvature_per_m.abs();
         let steering_m_s2 = STEERING_M_S2 + BEND_STEERING_SHARE * lateral_m_s2;
         let steering_m = steering_m_s2 * (seconds.powi(5) / 20.0).sqrt();

@@ -1,6 +1,7 @@
 //! Tests of things that the border of the picture cuts, seen from a vehicle whose motion is known.
 
 use super::*;
+use crate::outline::Outline;
 use crate::region::PixelBox;
 
 const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 240.0 };
@@ -30,6 +31,7 @@ fn sighting(random: &mut fastrand::Rng, distance_m: f64, sides_m: [f64; 2]) -> O
         width_m: (right - left) * distance_m / RIG.focal_px,
         height_m: 1.5,
         inset_m: [0.0; 2],
+        outline: Outline::default(),
         pixels: bounds.width * bounds.height,
         confidence: 0.9,
         evidence: 3.5,

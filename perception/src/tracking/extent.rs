@@ -5,6 +5,7 @@
 //! the picture cuts is not seen; the thing is then at least as wide as before.
 
 use super::parameters::{BORDER_PX, EXTENT_TIME_S, MAX_RATIO};
+use crate::outline::Outline;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 
@@ -20,6 +21,8 @@ pub struct Extent {
     /// By how much the thing itself ends inside of the left and of the right side of the box, in metres
     /// ([`Region::inset_m`]).
     pub inset_m: [f64; 2],
+    /// Its outline.
+    pub outline: Outline,
     /// Top and foot below the camera's axis, in metres.
     rows_m: [f64; 2],
     /// Sightings so far: the first ones are averaged.
@@ -63,6 +66,7 @@ impl Extent {
             width_m: region.width_m.max(MIN_SIZE_M),
             height_m: region.height_m.max(MIN_SIZE_M),
             inset_m: region.inset_m,
+            outline: region.outline,
             rows_m: rows_m(region, rig),
             sightings: 1,
         };
@@ -89,6 +93,7 @@ impl Extent {
         for (smoothed, inset_m) in self.inset_m.iter_mut().zip(region.inset_m) {
             *smoothed += gain * (inset_m - *smoothed);
         }
+        self.outline.approach(&region.outline, gain);
         let [top_m, foot_m] = rows_m(region, rig);
         self.rows_m[0] += gain * (top_m - self.rows_m[0]);
         // A foot below the picture is not seen.
@@ -107,6 +112,7 @@ impl Extent {
         if sum_m > room_m {
             self.inset_m = self.inset_m.map(|m| m * room_m / sum_m);
         }
+        self.outline.limit(self.front_m());
     }
 
     /// Width of the thing itself, without the insets, in metres.

@@ -8,12 +8,15 @@ pub(super) mod estimate;
 pub mod ground;
 mod innovations;
 mod manoeuvre;
+mod noise;
 
 pub use collision::{TimeToCollision, braking_seconds};
 pub use estimate::{BearingRate, Estimate};
 
 use crate::motion::planar::{OwnRates, Planar, PlanarStep};
 use estimate::Model;
+use innovations::Judgement;
+use noise::MeasurementNoise;
 use std::ops::Deref;
 
 /// Filter of place and speed. What is read is the estimate by the model that holds.
@@ -23,6 +26,8 @@ pub struct TrackFilter {
     accelerating: Estimate,
     /// Whether the thing brakes or accelerates.
     is_manoeuvring: bool,
+    /// Scatter of its measured distances.
+    noise: MeasurementNoise,
 }
 
 impl Deref for TrackFilter {
@@ -37,7 +42,12 @@ impl TrackFilter {
     /// See [`Estimate::new`].
     pub fn new(scale: f64, disparity: (f64, f64), bearing: (f64, f64)) -> Self {
         let by = |model| Estimate::new(model, scale, disparity, bearing);
-        Self { steady: by(Model::Steady), accelerating: by(Model::Accelerating), is_manoeuvring: false }
+        Self {
+            steady: by(Model::Steady),
+            accelerating: by(Model::Accelerating),
+            is_manoeuvring: false,
+            noise: MeasurementNoise::default(),
+        }
     }
 
     fn both(&mut self, change: impl Fn(&mut Estimate)) {
@@ -75,7 +85,7 @@ impl TrackFilter {
     /// Updates the state with a measured disparity and its standard deviation, both in px. The model that holds tells what is an
     /// outlier.
     pub fn measure_disparity(&mut self, disparity_px: f64, sigma_px: f64) {
-        let disparity = (disparity_px, sigma_px);
+        let (stated, disparity) = ((disparity_px, sigma_px), (disparity_px, self.noise.sigma(sigma_px)));
         let holding = if self.is_manoeuvring { &mut self.accelerating } else { &mut self.steady };
         let judgement = holding.judge_disparity(disparity);
         let along = holding.along;
@@ -83,6 +93,11 @@ impl TrackFilter {
             estimate.along = along;
             estimate.measure_disparity(disparity, judgement);
         });
+        match judgement {
+            Judgement::Step { .. } => self.noise = MeasurementNoise::default(),
+            // The model that follows a change of speed: braking is no scatter.
+            Judgement::Measurement { .. } => self.noise.observe(self.accelerating.squared_residual(stated)),
+        }
     }
 
     /// See [`Estimate::measure_across`].

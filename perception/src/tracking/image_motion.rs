@@ -341,6 +341,7 @@ impl Tracker {
 mod tests {
     use super::*;
     use crate::motion::Motion;
+    use crate::outline::Outline;
     use crate::region::Region;
     use crate::rig::Rig;
     use crate::tracking::{Frame, TrackerParameters};
@@ -389,6 +390,7 @@ mod tests {
             width_m: 1.8,
             height_m: 1.5,
             inset_m: [0.0; 2],
+            outline: Outline::default(),
             pixels: 500,
             confidence: 0.9,
             evidence: 4.0,

@@ -60,6 +60,7 @@ pub(super) fn speed_sigma_m_s(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::outline::Outline;
     use crate::region::PixelBox;
 
     const RIG: Rig = Rig { focal_px: 984.0, baseline_m: 0.537, cx_px: 696.0, cy_px: 240.0 };
@@ -75,6 +76,7 @@ mod tests {
             width_m: 2.0,
             height_m: 1.0,
             inset_m: [0.0; 2],
+            outline: Outline::default(),
             pixels: 100,
             confidence: 0.9,
             evidence: 5.0,

@@ -1,5 +1,6 @@
 use super::*;
 use crate::alarm::{Alarm, AlarmLevel, AlarmParameters, Candidate};
+use crate::outline::Outline;
 use crate::region::PixelBox;
 
 const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 240.0 };
@@ -31,6 +32,7 @@ fn sized(distance_m: f64, lateral_m: f64, width_m: f64, height_m: f64) -> Region
         width_m,
         height_m,
         inset_m: [0.0; 2],
+        outline: Outline::default(),
         pixels: 2000,
         confidence: 0.9,
         evidence: 4.0,

@@ -1,6 +1,7 @@
 //! Tests of what the tracker takes for a thing: existence, parts, sizes.
 
 use super::*;
+use crate::outline::Outline;
 use crate::region::PixelBox;
 
 const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 240.0 };
@@ -27,6 +28,7 @@ fn sighting(distance_m: f64, [left_m, right_m]: [f64; 2], height_m: f64, evidenc
         width_m: f64::from(bounds.width) * distance_m / RIG.focal_px,
         height_m,
         inset_m: [0.0; 2],
+        outline: Outline::default(),
         pixels: bounds.width * bounds.height,
         confidence: 0.9,
         evidence,

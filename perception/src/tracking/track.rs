@@ -6,9 +6,10 @@ use super::filter::ground::{GroundMotion, Movement};
 use super::filter::{TimeToCollision, TrackFilter};
 use super::parameters::{
     CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, CUT_DEPTH_SIGMA_M, CUT_SIGMA_SHARE, FOUND_AGAIN_S, MIN_SIGMA_PX,
-    NOISE_INFLATION, SIDE_DEPTH_SHARE, SYSTEMATIC_PX,
+    NOISE_INFLATION, SIDE_DEPTH_SHARE, SYSTEMATIC_M, SYSTEMATIC_PX,
 };
 use crate::motion::planar::OwnRates;
+use crate::outline::Outline;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 
@@ -196,7 +197,7 @@ impl Track {
     /// Standard deviation of the distance, in metres, with the part of the error that the filter cannot average out.
     pub fn distance_sigma_m(&self) -> f64 {
         let systematic_m = self.distance_m() * SYSTEMATIC_PX / self.filter.disparity_px();
-        self.filter.place_sigma_m()[1].hypot(systematic_m)
+        self.filter.place_sigma_m()[1].hypot(systematic_m).hypot(SYSTEMATIC_M)
     }
 
     /// Width of the thing itself, in metres; that of its box while the own motion is unknown.
@@ -266,6 +267,7 @@ impl Track {
             lateral_speed_m_s: self.filter.speed_m_s()[0],
             lateral_speed_sigma_m_s: self.filter.speed_sigma_m_s()[0],
             width_m: self.front_m(),
+            outline: if self.is_over_ground { self.extent.outline } else { Outline::default() },
             height_m: self.extent.height_m,
             closing_m_s: self.closing_m_s(),
             closing_sigma_m_s: self.closing_sigma_m_s(),
@@ -329,6 +331,8 @@ pub struct Obstacle {
     pub lateral_speed_sigma_m_s: f64,
     /// Width, in metres.
     pub width_m: f64,
+    /// Outline between its ends; flat while the own motion is unknown.
+    pub outline: Outline,
     /// Height, in metres.
     pub height_m: f64,
     /// Closing speed, in m/s.

@@ -454,6 +454,7 @@ impl fmt::Display for LidarReport {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use perception::outline::Outline;
 
     /// A road of 12 m, a car's rear of 40 × 30 px at 10 m and a wall at 30 m above it.
     fn depth() -> DisparityMap {
@@ -494,6 +495,7 @@ mod tests {
             width_m: 1.6,
             height_m: 1.4,
             inset_m: [0.0; 2],
+            outline: Outline::default(),
             pixels: 900,
             confidence: 1.0,
             evidence: 4.0,

@@ -19,6 +19,7 @@ fn car(place_m: Planar, speed_m_s: Planar, closing_m_s: f64) -> Obstacle {
     Obstacle {
         place_m,
         width_m: 1.8,
+        outline: Outline::default(),
         closing_m_s,
         time_to_collision: (closing_m_s > 0.0)
             .then(|| TimeToCollision { seconds: place_m[1] / closing_m_s, sigma_s: 0.1 }),
@@ -60,6 +61,44 @@ fn a_standing_car_counts_where_the_body_will_be() {
     // Straight ahead, beyond the outer edge of the bend.
     assert!(!meets(&bend, &car([0.5, 24.0], [0.0; 2], 11.0)));
     assert!(meets(&path(0.0, 11.0), &car([0.5, 24.0], [0.0; 2], 11.0)));
+}
+
+/// A car that is parked along the outer edge of a bend to the left, its side 1 m from ours: its near corner is on the edge, the side
+/// runs away along the road, the rear to the outside.
+#[test]
+fn a_car_that_is_parked_along_a_bend_is_not_as_wide_as_long() {
+    let bend = path(1.0 / 40.0, 11.0);
+    for arc_m in [10.0, 14.0, 18.0] {
+        let half_m = 0.9;
+        let [corner, far, rear] = [(0.0, half_m + 1.0), (4.0, half_m + 1.0), (0.0, half_m + 2.8)]
+            .map(|(ahead_m, offset_m)| bend.place(arc_m + ahead_m, offset_m));
+        let ends = [far[0].min(rear[0]).min(corner[0]), rear[0].max(far[0]).max(corner[0])];
+        let whole = Obstacle {
+            place_m: [(ends[0] + ends[1]) / 2.0, corner[1]],
+            width_m: ends[1] - ends[0],
+            ..car(corner, [0.0; 2], 11.0)
+        };
+        let outline = Outline {
+            inset_m: [corner[0] - ends[0], ends[1] - corner[0]],
+            depth_m: [far[1] - corner[1], (rear[1] - corner[1]).max(0.0)],
+        };
+        let (flat, seen) = (encounter(&bend, &whole), encounter(&bend, &Obstacle { outline, ..whole }));
+        assert!((seen.clearance_m - 1.0).abs() < 0.3, "{arc_m} m: {seen:?}");
+        assert!(flat.clearance_m < seen.clearance_m - 0.5, "{arc_m} m: {flat:?}");
+        // In the middle of our lane it is in the way, whatever its outline.
+        let middle = Obstacle { place_m: [whole.place_m[0] - 2.5, whole.place_m[1]], outline, ..whole };
+        assert!(encounter(&bend, &middle).is_in_the_way(false), "{arc_m} m");
+    }
+}
+
+#[test]
+fn an_outline_reaches_no_farther_into_the_path_than_the_whole_width_at_the_near_side() {
+    // Beside a bend to the right, the left end said to be 4 m behind the near side: there it would be in the path.
+    let bend = path(-1.0 / 40.0, 11.0);
+    let beside = car(bend.place(14.0, 2.6), [0.0; 2], 11.0);
+    let deep = Obstacle { outline: Outline { inset_m: [0.5, 0.0], depth_m: [4.0, 0.0] }, ..beside };
+    let (flat, deep) = (encounter(&bend, &beside), encounter(&bend, &deep));
+    assert!((flat.clearance_m - deep.clearance_m).abs() < 1e-9, "{flat:?} {deep:?}");
 }
 
 #[test]

@@ -238,6 +238,13 @@ impl Estimate {
         self.along.judge(distance_m - self.state[Z], self.p[(Z, Z)], noise)
     }
 
+    /// How much a measured disparity differs from the state that it has corrected: the square of that, plus the variance of the
+    /// state, as a share of the variance that is stated. Disparity and its standard deviation in px.
+    pub(super) fn squared_residual(&self, disparity: (f64, f64)) -> f64 {
+        let (distance_m, noise) = self.measured_distance(disparity);
+        ((distance_m - self.state[Z]).powi(2) + self.p[(Z, Z)]) / noise
+    }
+
     /// Updates the state with a measured disparity and its standard deviation, both in px, as it was judged.
     pub(super) fn measure_disparity(&mut self, disparity: (f64, f64), judgement: Judgement) {
         let (distance_m, _) = self.measured_distance(disparity);

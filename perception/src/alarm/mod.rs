@@ -326,7 +326,13 @@ impl Alarm {
             })
             .map(|rule| Cause { level, rule, candidate: *candidate })
         };
+        // What has come within the preset distance meanwhile is as urgent by its speed as before.
+        let by_speed = || {
+            self.rule_by_speed(candidate, AlarmLevel::Alarm, lead_s, is_held(AlarmLevel::Alarm))
+                .filter(|_| may)
+        };
         cause(AlarmLevel::Alarm, alarm, counts.alarm)
+            .or_else(|| cause(AlarmLevel::Alarm, by_speed(), counts.alarm))
             .or_else(|| cause(AlarmLevel::Warning, warning, counts.warning))
     }
 
@@ -362,16 +368,37 @@ impl Alarm {
         lead_s: f64,
         is_held: bool,
     ) -> Option<AlarmRule> {
+        let hysteresis = if is_held { 1.0 + self.parameters.clear_share } else { 1.0 };
+        let distance_m = c.distance_m - Self::closing_m_s(c) * Self::lead_s(c, lead_s, is_held);
+        let limit_m = self.distance_limit_m();
+        let is_near = c.is_approached
+            && limit_m > 0.0
+            && distance_m < limit_m * hysteresis
+            && level == AlarmLevel::Alarm;
+        if is_near { Some(AlarmRule::Distance) } else { self.rule_by_speed(c, level, lead_s, is_held) }
+    }
+
+    /// Closing speed of a candidate, in m/s; 0 if it does not approach significantly.
+    fn closing_m_s(c: &Candidate) -> f64 {
+        if c.time_to_collision.is_some() { c.closing_m_s } else { 0.0 }
+    }
+
+    /// How far ahead a candidate is judged, in seconds: what is not seen, or holds a level, as it is.
+    fn lead_s(c: &Candidate, lead_s: f64, is_held: bool) -> f64 {
+        if c.is_detected() && !is_held { lead_s } else { 0.0 }
+    }
+
+    /// The same of the rules that need a closing speed.
+    fn rule_by_speed(
+        &self,
+        c: &Candidate,
+        level: AlarmLevel,
+        lead_s: f64,
+        is_held: bool,
+    ) -> Option<AlarmRule> {
         let p = &self.parameters;
         let hysteresis = if is_held { 1.0 + p.clear_share } else { 1.0 };
-        let lead_s = if c.is_detected() && !is_held { lead_s } else { 0.0 };
-        let closing = if c.time_to_collision.is_some() { c.closing_m_s } else { 0.0 };
-        let distance_m = c.distance_m - closing * lead_s;
-        let limit_m = self.distance_limit_m();
-        if level == AlarmLevel::Alarm && c.is_approached && limit_m > 0.0 && distance_m < limit_m * hysteresis
-        {
-            return Some(AlarmRule::Distance);
-        }
+        let (closing, lead_s) = (Self::closing_m_s(c), Self::lead_s(c, lead_s, is_held));
         let ttc = c.time_to_collision?;
         let is_clear = c.width_jitter <= MAX_WIDTH_JITTER
             && ttc.sigma_s <= MAX_TTC_SIGMA_SHARE * ttc.seconds

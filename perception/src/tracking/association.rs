@@ -6,16 +6,21 @@
 use super::extent::{contained_share, edges_of};
 use super::parameters::{
     BODY_SHARE, CONTAINMENT_WEIGHT, GATE_PX, GATE_SHARE, GATE_SIGMAS, OUTLIER_SIGMAS, OVERLAP_COST,
-    SIZE_COST, TYPICAL_AGREEMENT,
+    SIZE_COST, SYSTEMATIC_PX, TYPICAL_AGREEMENT,
 };
 use super::track::Track;
 use crate::region::{BODY_LENGTH_M, PixelBox, Region};
 use crate::rig::Rig;
 
+/// Standard deviation of the difference between the disparities of a track and of a sighting of it, in px: the part of the errors
+/// that is the same in each frame is in neither filter nor sighting, and another part of the thing has another one.
+fn spread_px(track: &Track, region: &Region) -> f64 {
+    track.filter.disparity_sigma_px().hypot(region.disparity_sigma_px).hypot(SYSTEMATIC_PX)
+}
+
 /// Largest difference of the disparity, in px, at which a sighting may show a track.
 fn gate_px(track: &Track, region: &Region) -> f64 {
-    let spread = track.filter.disparity_sigma_px().hypot(region.disparity_sigma_px);
-    GATE_SIGMAS * spread + GATE_PX + GATE_SHARE * track.filter.disparity_px()
+    GATE_SIGMAS * spread_px(track, region) + GATE_PX + GATE_SHARE * track.filter.disparity_px()
 }
 
 /// Cost of taking a sighting for that of a track, whose box is expected at `body`; `None` if that is impossible.
@@ -28,16 +33,14 @@ pub(super) fn cost(track: &Track, body: &[f64; 4], region: &Region, min_overlap:
     if overlap < min_overlap {
         return None;
     }
-    let spread = track.filter.disparity_sigma_px().hypot(region.disparity_sigma_px);
-    let sigmas = (innovation / spread.max(1e-3)).min(GATE_SIGMAS);
+    let sigmas = (innovation / spread_px(track, region)).min(GATE_SIGMAS);
     let size = (region.width_m / track.extent.width_m.max(0.05)).max(0.05).ln().abs();
     Some(sigmas * sigmas + OVERLAP_COST * (1.0 - overlap) + SIZE_COST * size.min(1.0))
 }
 
 /// Log-likelihood ratio of the place of a sighting, at most 0: how well it agrees with the prediction.
 pub(super) fn agreement(track: &Track, body: &[f64; 4], region: &Region) -> f64 {
-    let spread = track.filter.disparity_sigma_px().hypot(region.disparity_sigma_px);
-    let sigmas = (region.disparity_px - track.filter.disparity_px()) / spread.max(1e-3);
+    let sigmas = (region.disparity_px - track.filter.disparity_px()) / spread_px(track, region);
     let agreement =
         overlap(body, &region.bounds).clamp(0.05, 1.0).ln() - 0.5 * (sigmas * sigmas).min(OUTLIER_SIGMAS);
     (agreement + TYPICAL_AGREEMENT).min(0.0)

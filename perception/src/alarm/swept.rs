@@ -85,6 +85,8 @@ const MIN_TRAFFIC_M_S: f64 = 5.0;
 const MAX_TRAFFIC_SINE: f64 = 0.26;
 /// See [`MIN_TRAFFIC_M_S`].
 const TRAFFIC_ACROSS_SIGMA_M_S: f64 = 0.7;
+/// Share of [`WANDER_NOISE`] of what keeps to its lane: half the changes of course of who walks.
+const LANE_WANDER_SHARE: f64 = 0.25;
 /// Most secants by which the arrival is found, and an error of it that is small enough, in metres.
 const MAX_SECANTS: usize = 8;
 /// See [`MAX_SECANTS`].
@@ -194,14 +196,18 @@ fn following_m_s2(path: &SweptPath, ground: &GroundMotion, along: &AlongPath) ->
     (right_m_s * right_m_s + ahead_m_s * ahead_m_s) * path.curvature_at(along.arc_m).abs()
 }
 
-/// Variance of the offset of an obstacle after `seconds`, without that of the path. `may_follow`: whether it may drive along our path.
-fn variance_m2(
-    path: &SweptPath,
-    ground: &GroundMotion,
-    along: &AlongPath,
+/// How an obstacle may go on.
+struct Course {
+    ground: GroundMotion,
+    /// Whether it may drive along our path.
     may_follow: bool,
-    seconds: f64,
-) -> f64 {
+    /// Whether it is traffic that keeps to its lane.
+    keeps_lane: bool,
+}
+
+/// Variance of the offset of an obstacle after `seconds`, without that of the path.
+fn variance_m2(path: &SweptPath, course: &Course, along: &AlongPath, seconds: f64) -> f64 {
+    let ground = &course.ground;
     // The offset is across the path's heading there.
     let (sine, cosine) = along.heading_rad.sin_cos();
     let across = |[right, ahead]: Planar| (cosine * right).hypot(sine * ahead);
@@ -210,8 +216,9 @@ fn variance_m2(
         return place_m * place_m;
     }
     let moved_m = across(ground.speed_sigma_m_s) * seconds;
-    let mut sum_m2 = place_m * place_m + moved_m * moved_m + wander_m2(seconds);
-    if may_follow {
+    let wander_share = if course.keeps_lane { LANE_WANDER_SHARE } else { 1.0 };
+    let mut sum_m2 = place_m * place_m + moved_m * moved_m + wander_share * wander_m2(seconds);
+    if course.may_follow {
         let [right_m_s, ahead_m_s] = ground.speed_m_s;
         let turned_m = BEND_SHARE * following_m_s2(path, ground, along) * seconds * seconds / 2.0;
         let headed_m = path.heading_sigma_rad(along.arc_m) * ahead_m_s.hypot(right_m_s) * seconds;
@@ -242,8 +249,9 @@ impl Obstacle {
 }
 
 /// Motion of an obstacle, with what is known of traffic that drives along our path ([`MIN_TRAFFIC_M_S`]): the less its speed across is
-/// known, the more it is that of a lane. What is measured to leave its lane, by two standard deviations, is not in one.
-fn as_traffic(path: &SweptPath, obstacle: &Obstacle) -> GroundMotion {
+/// known, the more it is that of a lane. What is measured to leave its lane, by two standard deviations, is not in one. Returns whether
+/// it keeps to one, too.
+fn as_traffic(path: &SweptPath, obstacle: &Obstacle) -> (GroundMotion, bool) {
     let ground = obstacle.ground;
     let along = path.along(obstacle.place_m);
     let (sine, cosine) = along.heading_rad.sin_cos();
@@ -257,18 +265,16 @@ fn as_traffic(path: &SweptPath, obstacle: &Obstacle) -> GroundMotion {
     let lane_m2 = TRAFFIC_ACROSS_SIGMA_M_S.powi(2) + (heading_rad * speed_m_s).powi(2);
     let leaves = across_m_s * across_m_s > 4.0 * (lane_m2 + measured_m2);
     if speed_m_s < MIN_TRAFFIC_M_S || across_m_s.abs() > MAX_TRAFFIC_SINE * speed_m_s || leaves {
-        return ground;
+        return (ground, false);
     }
     let share = lane_m2 / (lane_m2 + measured_m2);
     let kept_m_s = share * across_m_s;
     // What is better known across is so in both axes, as far as these are across.
     let known_m2 = (1.0 - share) * measured_m2;
     let less = |sigma: f64, part: f64| (sigma * sigma - part * part * known_m2).max(0.0).sqrt();
-    GroundMotion {
-        speed_m_s: [cosine * kept_m_s - sine * along_m_s, sine * kept_m_s + cosine * along_m_s],
-        speed_sigma_m_s: [less(right_sigma, cosine), less(ahead_sigma, sine)],
-        ..ground
-    }
+    let speed_m_s = [cosine * kept_m_s - sine * along_m_s, sine * kept_m_s + cosine * along_m_s];
+    let speed_sigma_m_s = [less(right_sigma, cosine), less(ahead_sigma, sine)];
+    (GroundMotion { speed_m_s, speed_sigma_m_s, ..ground }, true)
 }
 
 /// When the arc length between front and obstacle is 0, in seconds, and the mean speed at which it closes, in m/s. `gap_m` is that
@@ -310,7 +316,7 @@ fn arrival(gap_m: f64, mut seconds: f64, ahead_m: impl Fn(f64) -> f64) -> Option
 /// How the vehicle meets an obstacle on its path.
 pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
     let place = obstacle.place_m;
-    let ground = as_traffic(path, obstacle);
+    let (ground, keeps_lane) = as_traffic(path, obstacle);
     let at =
         |seconds: f64| [place[0] + ground.speed_m_s[0] * seconds, place[1] + ground.speed_m_s[1] * seconds];
     let now = front(path, place, obstacle);
@@ -349,7 +355,8 @@ pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
     let then = front(path, at(seconds), obstacle);
     // Whether it may follow our path, as traffic does, or can only go on as it goes.
     let may_follow = following_m_s2(path, &ground, &now.nearest) <= MAX_FOLLOWING_M_S2;
-    let own_m2 = |along: &AlongPath, seconds: f64| variance_m2(path, &ground, along, may_follow, seconds);
+    let course = Course { ground, may_follow, keeps_lane };
+    let own_m2 = |along: &AlongPath, seconds: f64| variance_m2(path, &course, along, seconds);
     let now_m = now.nearest.arc_m;
     // Where the vehicle's front then is, or what comes from there later than predictions reach.
     let arrival_m = then.nearest.arc_m.max(camera_m + path.body.front_m);

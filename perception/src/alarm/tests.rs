@@ -229,3 +229,25 @@ fn the_alarm_is_off_when_the_system_cannot_judge() {
     assert_eq!(alarm.update(5 * PERIOD_NS, true, [at(5.0, 0.0)]).level, AlarmLevel::Clear);
     assert_eq!(alarm.update(6 * PERIOD_NS, true, [at(5.0, 0.0)]).level, AlarmLevel::Alarm);
 }
+
+#[test]
+fn what_enters_the_strip_within_the_preset_distance_is_as_urgent_by_its_speed_as_before() {
+    // A child from the side, seen from 12.9 m on; in the frame in which its speed is known it is in the strip for the first time.
+    let mut alarm = alarm();
+    let causes = [1, 2, 3, 4, 5].map(|seen| {
+        let z = 12.9 - 11.0 * 0.08 * f64::from(seen - 1);
+        let child = Candidate {
+            seen,
+            consecutive_frames: seen,
+            is_approached: seen == 5,
+            may_raise: true,
+            ..at(z, 11.0)
+        };
+        let cause = alarm.evaluate(&child, 0.08);
+        std::mem::swap(&mut alarm.before, &mut alarm.counts);
+        alarm.counts.clear();
+        cause.map(|cause| (cause.level, cause.rule))
+    });
+    assert_eq!(causes[..4], [None; 4]);
+    assert_eq!(causes[4], Some((AlarmLevel::Alarm, AlarmRule::TimeToCollision)));
+}

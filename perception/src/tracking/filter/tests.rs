@@ -337,3 +337,33 @@ fn what_is_found_again_elsewhere_has_the_speed_of_before() {
     let (changed, _) = speeds_after(false);
     assert!(changed[0] < -1.0 && changed[1] < -4.0, "{changed:?}");
 }
+
+#[test]
+fn what_scatters_less_than_stated_is_found_to_brake_earlier() {
+    // At 16.7 m/s and a second's distance, braking with 4 m/s² from 1.6 s on; a part of the stated error is the same in each frame.
+    let frames_until_found = |seed: u64, scatter_px: f64, offset_px: f64| {
+        let mut random = fastrand::Rng::with_seed(seed);
+        let at = |t: f64| 16.7 - 4.0 * t * t / 2.0;
+        let mut filter = ahead(SCALE / at(0.0) + offset_px, 0.18);
+        let first = (1..40).find(|&frame| {
+            let since_s = (f64::from(frame) * PERIOD_S - 1.6).max(0.0);
+            filter.predict(PERIOD_S);
+            filter
+                .measure_disparity(SCALE / at(since_s) + offset_px + scatter_px * normal(&mut random), 0.18);
+            filter.choose_model();
+            since_s > 0.0 && filter.acceleration_m_s2().is_some_and(|(a, _)| a < 0.0)
+        });
+        first.unwrap_or(40) - 20
+    };
+    let median = |scatter_px: f64, offset_px: f64| {
+        let mut frames: Vec<i32> =
+            (0..40).map(|seed| frames_until_found(seed, scatter_px, offset_px)).collect();
+        frames.sort_unstable();
+        frames[20]
+    };
+    let (steady, noisy) = (median(0.03, 0.1), median(0.18, 0.0));
+    println!(
+        "braking is found after {steady} frames where disparities scatter by 0.03 px, {noisy} by 0.18 px"
+    );
+    assert!(steady + 2 <= noisy && steady <= 14, "{steady} {noisy}");
+}

@@ -71,12 +71,25 @@ pub struct Region {
     pub evidence: f64,
 }
 
-/// Length of the body of a thing behind its near side, in metres: that of a car.
-pub(crate) const BODY_LENGTH_M: f64 = 4.5;
+/// Blur of the matcher: a disparity that differs from the near side by less is as near, in px.
+pub(crate) const DEPTH_BLUR_PX: f64 = 0.36;
+/// What may protrude in front of the face that is found as the near side, in metres: the foot of a cone, a bumper.
+pub(crate) const SHAPE_M: f64 = 0.075;
 
 /// Maximum magnitude of a measure of a valid region, in its unit: far above all that cameras see, and so small that no
 /// arithmetic of the tracker overflows.
 const MAX_MEASURE: f64 = 1e6;
+
+/// What is seen of a thing on the ground, in metres: laterally right of the camera axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Footprint {
+    /// Where it ends to the left and to the right, at whatever depth.
+    pub ends_m: [f64; 2],
+    /// How far behind the near side both ends are.
+    pub depth_m: [f64; 2],
+    /// Where its near face ends to the left and to the right.
+    pub face_m: [f64; 2],
+}
 
 impl Region {
     /// Whether all numbers are such as a detection may have: finite, not extreme, sizes and standard deviation not
@@ -84,11 +97,11 @@ impl Region {
     pub fn is_valid(&self) -> bool {
         let sizes = [self.disparity_sigma_px, self.distance_m, self.width_m, self.height_m];
         let PixelBox { x, y, width, height } = self.bounds;
-        let outline_m = self.outline.inset_m.iter().chain(&self.outline.depth_m);
         self.disparity_px > 1.0 / MAX_MEASURE
             && self.disparity_px <= MAX_MEASURE
             && self.lateral_m.abs() <= MAX_MEASURE
-            && sizes.iter().chain(&self.inset_m).chain(outline_m).all(|v| (0.0..=MAX_MEASURE).contains(v))
+            && sizes.iter().chain(&self.inset_m).all(|v| (0.0..=MAX_MEASURE).contains(v))
+            && self.outline.measures_m().all(|v| (0.0..=MAX_MEASURE).contains(&v))
             && self.evidence.abs() <= MAX_MEASURE
             && x.checked_add(width).is_some()
             && y.checked_add(height).is_some()
@@ -97,13 +110,19 @@ impl Region {
     /// Sets the first column of the box and the column after its last one; updates width and lateral
     /// position.
     pub(crate) fn set_sides(&mut self, (first, end): (u32, u32), rig: &Rig) {
-        let (ends_m, outline) = (self.ends_m(), self.outline);
+        let mut seen = self.footprint();
+        // What is cut off tells nothing of the outline.
+        let is_cut = [first > self.bounds.x, end < self.bounds.x + self.bounds.width];
         (self.bounds.x, self.bounds.width) = (first, end - first);
         self.width_m = f64::from(self.bounds.width) * self.distance_m / rig.focal_px;
         self.lateral_m = rig.lateral_m(0.5 * f64::from(first + end), self.distance_m);
-        self.set_ends(ends_m);
-        self.outline = outline;
-        self.outline.limit(self.thing_m());
+        let half_m = self.width_m / 2.0;
+        let sides_m = [self.lateral_m - half_m, self.lateral_m + half_m];
+        for side in (0..2).filter(|&side| is_cut[side]) {
+            seen.depth_m[side] = 0.0;
+            seen.ends_m[side] = seen.ends_m[side].clamp(sides_m[0], sides_m[1]);
+        }
+        self.set_footprint(&seen);
     }
 
     /// Where the thing itself ends to the left and to the right, in metres right of the camera axis.
@@ -127,20 +146,23 @@ impl Region {
 
     /// Joins a part of the same thing. The near side remains what it is.
     pub(crate) fn join(&mut self, part: &Region, rig: &Rig) {
-        let ends = [self.ends_m(), part.ends_m()];
-        let face_m = [ends[0][0] + self.outline.inset_m[0], ends[0][1] - self.outline.inset_m[1]];
+        let (mut seen, of_part) = (self.footprint(), part.footprint());
         let behind_m = (part.distance_m - self.distance_m).max(0.0);
-        for (i, is_outside) in [ends[1][0] < ends[0][0], ends[1][1] > ends[0][1]].into_iter().enumerate() {
-            if is_outside {
-                self.outline.depth_m[i] = (part.outline.depth_m[i] + behind_m).min(BODY_LENGTH_M);
+        for (side, is_outside) in [|a, b| a < b, |a: f64, b: f64| a > b].into_iter().enumerate() {
+            if is_outside(of_part.ends_m[side], seen.ends_m[side]) {
+                seen.ends_m[side] = of_part.ends_m[side];
+                seen.depth_m[side] = of_part.depth_m[side] + behind_m;
             }
+        }
+        if self.disparity_px - part.disparity_px <= DEPTH_BLUR_PX {
+            let ([left_m, right_m], [part_left_m, part_right_m]) = (seen.face_m, of_part.face_m);
+            seen.face_m = [left_m.min(part_left_m), right_m.max(part_right_m)];
         }
         self.bounds = self.bounds.joined(&part.bounds);
         self.width_m = f64::from(self.bounds.width) * self.distance_m / rig.focal_px;
         let middle = f64::from(self.bounds.x) + f64::from(self.bounds.width) / 2.0;
         self.lateral_m = rig.lateral_m(middle, self.distance_m);
-        self.set_ends([ends[0][0].min(ends[1][0]), ends[0][1].max(ends[1][1])]);
-        self.set_face(face_m);
+        self.set_footprint(&seen);
         self.height_m = self.height_m.max(part.height_m);
         let pixels = [self.pixels, part.pixels].map(f64::from);
         self.confidence =
@@ -149,10 +171,26 @@ impl Region {
         self.evidence = self.evidence.max(part.evidence);
     }
 
-    /// Sets where the near face begins and ends, in metres right of the camera axis.
-    pub(crate) fn set_face(&mut self, face_m: [f64; 2]) {
-        let ends_m = self.ends_m();
-        self.outline.inset_m = [(face_m[0] - ends_m[0]).max(0.0), (ends_m[1] - face_m[1]).max(0.0)];
+    /// What is seen of it on the ground.
+    fn footprint(&self) -> Footprint {
+        let (Outline { face_inset_m, end_depth_m, end_excess_m }, [left_m, right_m]) =
+            (self.outline, self.ends_m());
+        Footprint {
+            ends_m: [left_m - end_excess_m[0], right_m + end_excess_m[1]],
+            depth_m: end_depth_m,
+            face_m: [left_m + face_inset_m[0], right_m - face_inset_m[1]],
+        }
+    }
+
+    /// Sets its ends, as far as they are within the box, and its outline.
+    pub(crate) fn set_footprint(&mut self, seen: &Footprint) {
+        self.set_ends(seen.ends_m);
+        let [left_m, right_m] = self.ends_m();
+        self.outline = Outline {
+            face_inset_m: [(seen.face_m[0] - left_m).max(0.0), (right_m - seen.face_m[1]).max(0.0)],
+            end_depth_m: seen.depth_m,
+            end_excess_m: [(left_m - seen.ends_m[0]).max(0.0), (seen.ends_m[1] - right_m).max(0.0)],
+        };
         self.outline.limit(self.thing_m());
     }
 

@@ -32,8 +32,9 @@ pub fn record(obstacle: &Obstacle, rig: &Rig) -> TrackRecord {
         lateral_m: obstacle.lateral_m,
         lateral_sigma_m: ground.map_or(0.0, |g| g.place_sigma_m[0]),
         width_m: obstacle.width_m,
-        outline_inset_m: obstacle.outline.inset_m,
-        outline_depth_m: obstacle.outline.depth_m,
+        face_inset_m: obstacle.outline.face_inset_m,
+        end_depth_m: obstacle.outline.end_depth_m,
+        end_excess_m: obstacle.outline.end_excess_m,
         height_m: obstacle.height_m,
         across_m_s: obstacle.lateral_speed_m_s,
         across_sigma_m_s: obstacle.lateral_speed_sigma_m_s,
@@ -57,6 +58,10 @@ pub fn obstacle(record: &TrackRecord) -> Obstacle {
     };
     let across_m_s = if movement == Movement::Standing { 0.0 } else { record.across_m_s };
     let (seconds, sigma_s) = (record.time_to_collision_s, record.time_to_collision_sigma_s);
+    let (face_inset_m, end_depth_m, end_excess_m) =
+        (record.face_inset_m, record.end_depth_m, record.end_excess_m);
+    let mut outline = Outline { face_inset_m, end_depth_m, end_excess_m };
+    outline.limit(record.width_m);
     Obstacle {
         track: record.track,
         probability: record.probability,
@@ -73,7 +78,7 @@ pub fn obstacle(record: &TrackRecord) -> Obstacle {
         lateral_speed_m_s: record.across_m_s,
         lateral_speed_sigma_m_s: record.across_sigma_m_s,
         width_m: record.width_m,
-        outline: Outline { inset_m: record.outline_inset_m, depth_m: record.outline_depth_m },
+        outline,
         height_m: record.height_m,
         closing_m_s: record.closing_m_s,
         closing_sigma_m_s: record.closing_sigma_m_s,
@@ -110,7 +115,7 @@ mod tests {
             lateral_speed_m_s: 0.7,
             lateral_speed_sigma_m_s: 0.2,
             width_m: 1.8,
-            outline: Outline { inset_m: [0.2, 0.4], depth_m: [1.5, 2.5] },
+            outline: Outline { face_inset_m: [0.2, 0.4], end_depth_m: [1.5, 2.5], end_excess_m: [0.0, 0.3] },
             height_m: 1.4,
             closing_m_s: 9.0,
             closing_sigma_m_s: 0.6,

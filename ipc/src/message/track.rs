@@ -54,10 +54,12 @@ pub struct TrackRecord {
     pub lateral_sigma_m: f64,
     /// Width in metres.
     pub width_m: f64,
-    /// How far inside of its left and of its right end the near face begins, in metres.
-    pub outline_inset_m: [f64; 2],
+    /// How far inside of its left and of its right side the near face begins, in metres.
+    pub face_inset_m: [f64; 2],
     /// How far behind the near face its left and its right end are, in metres.
-    pub outline_depth_m: [f64; 2],
+    pub end_depth_m: [f64; 2],
+    /// How far outside of its left and of its right side these ends are, in metres.
+    pub end_excess_m: [f64; 2],
     /// Height in metres.
     pub height_m: f64,
     /// Filtered lateral speed in m/s; positive to the right.
@@ -103,8 +105,9 @@ ranges! {
         lateral_m: LATERAL_M,
         lateral_sigma_m: METRES,
         width_m: METRES,
-        outline_inset_m: Each(METRES),
-        outline_depth_m: Each(METRES),
+        face_inset_m: Each(METRES),
+        end_depth_m: Each(METRES),
+        end_excess_m: Each(METRES),
         height_m: METRES,
         across_m_s: SPEED_M_S,
         across_sigma_m_s: SPEED_SIGMA_M_S,

@@ -81,8 +81,7 @@ impl Candidate {
         [lateral_m, speed_m_s, speed_sigma_m_s, width_m, self.distance_m, self.closing_m_s, self.width_jitter]
             .into_iter()
             .chain(ttc)
-            .chain(self.outline.inset_m)
-            .chain(self.outline.depth_m)
+            .chain(self.outline.measures_m())
             .chain(
                 self.ground
                     .iter()

@@ -388,7 +388,7 @@ impl Alarm {
         if c.is_detected() && !is_held { lead_s } else { 0.0 }
     }
 
-    /// The same of the rules that need a closing speed.
+    /// The rule by TTC or deceleration that a candidate triggers; arguments as for [`Self::triggered_rule`].
     fn rule_by_speed(
         &self,
         c: &Candidate,

@@ -131,33 +131,26 @@ struct Front {
 /// The front of an obstacle whose middle is at `place` along the path.
 fn front(path: &SweptPath, place: Planar, obstacle: &Obstacle) -> Front {
     let points = obstacle.outline.points_m(place, obstacle.width_m);
-    let ends = points.map(|point| path.along(point));
-    let span = |points: &[AlongPath]| {
-        points.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], point| {
-            [least.min(point.offset_m), most.max(point.offset_m)]
+    // What is met first is the near face: where it crosses the path, or its side that is nearer to it. The offset changes evenly enough
+    // across.
+    let [from, to] = [points[1], points[2]];
+    let [left, right] = [from, to].map(|point| path.along(point));
+    let span_m = right.offset_m - left.offset_m;
+    let share = if span_m.abs() > 1e-9 { (-left.offset_m / span_m).clamp(0.0, 1.0) } else { 0.5 };
+    let nearest = path.along([from[0] + share * (to[0] - from[0]), from[1]]);
+    let span = |points: &[Planar]| {
+        points.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], &point| {
+            let offset_m = path.along(point).offset_m;
+            [least.min(offset_m), most.max(offset_m)]
         })
     };
     // In a bend it matters how far away an end is. That the outline reaches farther into the path than the whole width would at the
     // near side is not believed: the ends are those where depth is measured worst.
     let half_m = obstacle.width_m / 2.0;
-    let flat = span(&[-half_m, half_m].map(|side_m| path.along([place[0] + side_m, place[1]])));
-    let seen = span(&ends);
+    let flat = span(&[-half_m, half_m].map(|side_m| [place[0] + side_m, place[1]]));
+    let seen = span(&points);
+    // The face belongs to both.
     let (least, most) = (flat[0].max(seen[0]), flat[1].min(seen[1]));
-    // Where the outline crosses the path, else the point that is nearest to it. The offset changes evenly enough between two points.
-    let nearer = |a: AlongPath, b: AlongPath| if b.offset_m.abs() < a.offset_m.abs() { b } else { a };
-    let mut nearest = nearer(nearer(ends[0], ends[1]), nearer(ends[2], ends[3]));
-    let mut first_m = f64::INFINITY;
-    for i in 0..points.len() - 1 {
-        let (from, to) = (ends[i].offset_m, ends[i + 1].offset_m);
-        if from * to < 0.0 {
-            let share = from / (from - to);
-            let [a, b] = [points[i], points[i + 1]];
-            let crossing = path.along([a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])]);
-            if crossing.arc_m < first_m {
-                (first_m, nearest) = (crossing.arc_m, crossing);
-            }
-        }
-    }
     Front { left_m: least.min(most), right_m: most.max(least), nearest }
 }
 

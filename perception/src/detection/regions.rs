@@ -5,7 +5,7 @@ use super::sides::join_sides;
 use super::stixel_use::StixelUse;
 use super::stixels::{STRIP_COLUMNS, Stixel, Stixels};
 use crate::outline::Outline;
-use crate::region::{BODY_LENGTH_M, PixelBox, Region};
+use crate::region::{DEPTH_BLUR_PX, Footprint, PixelBox, Region, SHAPE_M};
 use crate::rig::Rig;
 use crate::road::surface::RoadSurface;
 
@@ -75,13 +75,12 @@ const DOUBTFUL_RISE_PX: f64 = 1.0;
 const MIN_SIDE_PX: f64 = 0.1;
 /// Half-width of the disparity range of one face, in px: the blur of the matcher. Values farther away, as in
 /// rain, carry no information about the face.
-const FACE_HALF_WIDTH_PX: f64 = 0.36;
+const FACE_HALF_WIDTH_PX: f64 = DEPTH_BLUR_PX;
 /// Error model of the near side: an error in px caused by the steps of the matcher; protrusion in front of
-/// the face, in metres, for example the foot of a cone; and the noise of the frame divided by the number of
+/// the face ([`SHAPE_M`]); and the noise of the frame divided by the number of
 /// stixels. Fitted to `street` in six weathers and to approaches, such that two standard deviations contain
 /// 95 % of the true values.
 const SYSTEMATIC_PX: f64 = 0.062;
-const SHAPE_M: f64 = 0.075;
 const NOISE_FACTOR: f64 = 1.5;
 /// Share of the pixels around the dominant depth that lies in front of the reported near side. 0 would be the
 /// edge of the noise, 0.5 the centre of the face; on average over the objects of the synthetic scenes in six
@@ -364,10 +363,7 @@ impl RegionFinder {
             evidence: 0.0,
         };
         let members = self.members.iter().map(|&i| &list[i as usize]);
-        let seen = Footprint::of(members, disparity_px, rig);
-        region.set_ends(seen.ends_m);
-        region.outline.depth_m = seen.depth_m.map(|depth_m| depth_m.min(BODY_LENGTH_M));
-        region.set_face(seen.face_m);
+        region.set_footprint(&footprint(members, disparity_px, rig));
         let kept = stands
             && region.height_m >= p.min_height_m
             && prominence(&region, surface) >= MIN_PROMINENCE
@@ -481,46 +477,35 @@ fn linked(a: &Stixel, b: &Stixel, surface: &RoadSurface, px_at_1_m: f32) -> bool
     adjacent && (a.disparity_px - b.disparity_px).abs() <= tolerance
 }
 
-/// What stixels show of a thing on the ground: each counts at its own depth, none nearer than the near side.
-struct Footprint {
-    /// Where it ends to the left and to the right, in metres right of the camera axis.
-    ends_m: [f64; 2],
-    /// How far behind the near side both ends are, in metres.
-    depth_m: [f64; 2],
-    /// Where its near face ends to the left and to the right: what is as near as the blur of the matcher tells.
-    face_m: [f64; 2],
-}
-
-impl Footprint {
-    fn of<'a>(members: impl Iterator<Item = &'a Stixel>, near_px: f64, rig: &Rig) -> Self {
-        let nowhere = [f64::INFINITY, f64::NEG_INFINITY];
-        let mut seen = Self { ends_m: nowhere, depth_m: [0.0; 2], face_m: nowhere };
-        let near_px = near_px.max(MIN_SIDE_PX);
-        let near_m = rig.distance_m(near_px);
-        for stixel in members {
-            let disparity_px = f64::from(stixel.disparity_px).clamp(MIN_SIDE_PX, near_px);
-            let distance_m = rig.distance_m(disparity_px);
-            let columns =
-                [stixel.strip, stixel.strip + 1].map(|strip| f64::from(strip) * STRIP_COLUMNS as f64);
-            let [first_m, end_m] = columns.map(|column| rig.lateral_m(column, distance_m));
-            let is_near = near_px - disparity_px <= FACE_HALF_WIDTH_PX;
-            let depth_m = if is_near { 0.0 } else { distance_m - near_m };
-            if first_m < seen.ends_m[0] {
-                (seen.ends_m[0], seen.depth_m[0]) = (first_m, depth_m);
-            }
-            if end_m > seen.ends_m[1] {
-                (seen.ends_m[1], seen.depth_m[1]) = (end_m, depth_m);
-            }
-            if is_near {
-                seen.face_m = [seen.face_m[0].min(first_m), seen.face_m[1].max(end_m)];
-            }
+/// What stixels show of a thing on the ground: each counts at its own depth, none nearer than the near side. The near face is what is
+/// as near as the blur of the matcher tells.
+fn footprint<'a>(members: impl Iterator<Item = &'a Stixel>, near_px: f64, rig: &Rig) -> Footprint {
+    let nowhere = [f64::INFINITY, f64::NEG_INFINITY];
+    let mut seen = Footprint { ends_m: nowhere, depth_m: [0.0; 2], face_m: nowhere };
+    let near_px = near_px.max(MIN_SIDE_PX);
+    let near_m = rig.distance_m(near_px);
+    for stixel in members {
+        let disparity_px = f64::from(stixel.disparity_px).clamp(MIN_SIDE_PX, near_px);
+        let distance_m = rig.distance_m(disparity_px);
+        let columns = [stixel.strip, stixel.strip + 1].map(|strip| f64::from(strip) * STRIP_COLUMNS as f64);
+        let [first_m, end_m] = columns.map(|column| rig.lateral_m(column, distance_m));
+        let is_near = near_px - disparity_px <= DEPTH_BLUR_PX;
+        let depth_m = if is_near { 0.0 } else { distance_m - near_m };
+        if first_m < seen.ends_m[0] {
+            (seen.ends_m[0], seen.depth_m[0]) = (first_m, depth_m);
         }
-        if seen.face_m[0] > seen.face_m[1] {
-            // No stixel is as near as the side that the pixels show: nothing is known of its outline.
-            Self { depth_m: [0.0; 2], face_m: seen.ends_m, ..seen }
-        } else {
-            seen
+        if end_m > seen.ends_m[1] {
+            (seen.ends_m[1], seen.depth_m[1]) = (end_m, depth_m);
         }
+        if is_near {
+            seen.face_m = [seen.face_m[0].min(first_m), seen.face_m[1].max(end_m)];
+        }
+    }
+    if seen.face_m[0] > seen.face_m[1] {
+        // No stixel is as near as the side that the pixels show: nothing is known of its outline.
+        Footprint { depth_m: [0.0; 2], face_m: seen.ends_m, ..seen }
+    } else {
+        seen
     }
 }
 
@@ -558,7 +543,7 @@ mod tests {
         let rear = (0..=20).map(|i| (1.5 + 0.09 * f64::from(i), 6.0));
         let stixels = stixels(side.chain(rear));
         let Footprint { ends_m: [left_m, right_m], depth_m, face_m } =
-            Footprint::of(stixels.iter(), RIG.disparity_px(6.0), &RIG);
+            footprint(stixels.iter(), RIG.disparity_px(6.0), &RIG);
         assert!((left_m - 1.5).abs() < 0.06 && (right_m - 3.3).abs() < 0.06, "{left_m} {right_m}");
         assert!(depth_m[1] == 0.0 && (face_m[1] - right_m).abs() < 1e-9, "{depth_m:?} {face_m:?}");
         let box_left_m = RIG.lateral_m(column(1.5, 10.0), 6.0);
@@ -571,8 +556,7 @@ mod tests {
         let rear = (0..=20).map(|i| (2.0 + 0.08 * f64::from(i), 8.0 + 0.04 * f64::from(i)));
         let side = (0..=20).map(|i| (2.0 - 0.09 * f64::from(i), 8.0 + 0.18 * f64::from(i)));
         let stixels = stixels(rear.chain(side));
-        let Footprint { ends_m, depth_m, face_m } =
-            Footprint::of(stixels.iter(), RIG.disparity_px(8.0), &RIG);
+        let Footprint { ends_m, depth_m, face_m } = footprint(stixels.iter(), RIG.disparity_px(8.0), &RIG);
         let near = |a: [f64; 2], b: [f64; 2], m: f64| (a[0] - b[0]).abs() < m && (a[1] - b[1]).abs() < m;
         assert!(near(ends_m, [0.2, 3.6], 0.08), "{ends_m:?}");
         assert!(near(depth_m, [3.6, 0.8], 0.2), "{depth_m:?}");

@@ -7,7 +7,8 @@
 //! Far away depth does not tell a side from what stands behind the thing, and nothing is joined.
 
 use super::stixels::STRIP_COLUMNS;
-use crate::region::{BODY_LENGTH_M, Region};
+use crate::outline::BODY_LENGTH_M;
+use crate::region::Region;
 use crate::rig::Rig;
 
 /// A thing is at most [`BODY_LENGTH_M`] long, and this many times its width.

@@ -9,7 +9,8 @@ use super::parameters::{
     SIZE_COST, SYSTEMATIC_PX, TYPICAL_AGREEMENT,
 };
 use super::track::Track;
-use crate::region::{BODY_LENGTH_M, PixelBox, Region};
+use crate::outline::BODY_LENGTH_M;
+use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 
 /// Standard deviation of the difference between the disparities of a track and of a sighting of it, in px: the part of the errors

@@ -93,7 +93,10 @@ impl Extent {
         for (smoothed, inset_m) in self.inset_m.iter_mut().zip(region.inset_m) {
             *smoothed += gain * (inset_m - *smoothed);
         }
-        self.outline.approach(&region.outline, gain);
+        // Of a side that the picture cuts the end is not seen.
+        for side in (0..2).filter(|&side| ![cut.left, cut.right][side]) {
+            self.outline.approach(&region.outline, side, gain);
+        }
         let [top_m, foot_m] = rows_m(region, rig);
         self.rows_m[0] += gain * (top_m - self.rows_m[0]);
         // A foot below the picture is not seen.

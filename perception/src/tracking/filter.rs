@@ -58,12 +58,14 @@ impl TrackFilter {
     /// See [`Estimate::predict`].
     pub fn predict(&mut self, elapsed_s: f64) {
         self.choose_model();
+        self.noise.wait(elapsed_s);
         self.both(|estimate| estimate.predict(elapsed_s));
     }
 
     /// See [`Estimate::predict_over_ground`].
     pub fn predict_over_ground(&mut self, step: &PlanarStep, rates: &OwnRates, elapsed_s: f64) {
         self.choose_model();
+        self.noise.wait(elapsed_s);
         self.both(|estimate| estimate.predict_over_ground(step, rates, elapsed_s));
     }
 
@@ -85,7 +87,21 @@ impl TrackFilter {
     /// Updates the state with a measured disparity and its standard deviation, both in px. The model that holds tells what is an
     /// outlier.
     pub fn measure_disparity(&mut self, disparity_px: f64, sigma_px: f64) {
-        let (stated, disparity) = ((disparity_px, sigma_px), (disparity_px, self.noise.sigma(sigma_px)));
+        match self.measure((disparity_px, self.noise.sigma(sigma_px))) {
+            Judgement::Step { .. } => self.noise = MeasurementNoise::default(),
+            // The model that follows a change of speed: braking is no scatter.
+            Judgement::Measurement { .. } => {
+                self.noise.observe(self.accelerating.squared_residual((disparity_px, sigma_px)));
+            }
+        }
+    }
+
+    /// The same of a thing that the picture cuts, whose errors do not scatter: they count as stated.
+    pub(super) fn measure_cut_disparity(&mut self, disparity_px: f64, sigma_px: f64) {
+        self.measure((disparity_px, sigma_px));
+    }
+
+    fn measure(&mut self, disparity: (f64, f64)) -> Judgement {
         let holding = if self.is_manoeuvring { &mut self.accelerating } else { &mut self.steady };
         let judgement = holding.judge_disparity(disparity);
         let along = holding.along;
@@ -93,11 +109,7 @@ impl TrackFilter {
             estimate.along = along;
             estimate.measure_disparity(disparity, judgement);
         });
-        match judgement {
-            Judgement::Step { .. } => self.noise = MeasurementNoise::default(),
-            // The model that follows a change of speed: braking is no scatter.
-            Judgement::Measurement { .. } => self.noise.observe(self.accelerating.squared_residual(stated)),
-        }
+        judgement
     }
 
     /// See [`Estimate::measure_across`].
@@ -127,6 +139,8 @@ impl TrackFilter {
 
     /// See [`Estimate::separate_speed`].
     pub(super) fn separate_speed(&mut self) {
+        // It may be another thing.
+        self.noise = MeasurementNoise::default();
         self.both(Estimate::separate_speed);
     }
 

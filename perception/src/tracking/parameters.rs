@@ -108,18 +108,16 @@ pub const BORDER_PX: f64 = 8.0;
 
 // Disparity.
 
-/// Inflation of the disparity's standard deviation: its errors are correlated over frames, while the filter assumes
-/// independence.
+/// Inflation of the disparity's standard deviation before it is known how much of it scatters: its errors are correlated over
+/// frames, while the filter assumes independence.
 pub const NOISE_INFLATION: f64 = 1.5;
 /// Smallest share of the stated variance of a distance that is taken for what scatters from frame to frame;
 pub const MIN_NOISE_SHARE: f64 = 0.16;
-/// and by which part of the difference one frame changes that share.
-pub const NOISE_SHARE_GAIN: f64 = 0.1;
+/// and the time over which that share is estimated, in seconds: some ten frames tell a variance.
+pub const NOISE_SHARE_TIME_S: f64 = 0.8;
 /// Part of the disparity's error that remains the same from frame to frame, in px, and is not averaged out: pixel locking, and
 /// which part of a thing its near side is.
 pub const SYSTEMATIC_PX: f64 = 0.05;
-/// The same of the distance, in metres: protrusions in front of what is found as the near side.
-pub const SYSTEMATIC_M: f64 = 0.075;
 /// Smallest standard deviation of a disparity measurement, in px: parts of an object move within its region.
 pub const MIN_SIGMA_PX: f64 = 0.04;
 

@@ -6,11 +6,11 @@ use super::filter::ground::{GroundMotion, Movement};
 use super::filter::{TimeToCollision, TrackFilter};
 use super::parameters::{
     CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, CUT_DEPTH_SIGMA_M, CUT_SIGMA_SHARE, FOUND_AGAIN_S, MIN_SIGMA_PX,
-    NOISE_INFLATION, SIDE_DEPTH_SHARE, SYSTEMATIC_M, SYSTEMATIC_PX,
+    NOISE_INFLATION, SIDE_DEPTH_SHARE, SYSTEMATIC_PX,
 };
 use crate::motion::planar::OwnRates;
 use crate::outline::Outline;
-use crate::region::{PixelBox, Region};
+use crate::region::{PixelBox, Region, SHAPE_M};
 use crate::rig::Rig;
 
 /// Smoothing of the width's change from sighting to sighting, and its first value: what a new track may be.
@@ -120,7 +120,13 @@ impl Track {
         if self.was_lost() {
             self.filter.separate_speed();
         }
-        self.filter.measure_disparity(region.disparity_px, noise_px(region, &rig, cut));
+        let noise_px = noise_px(region, &rig, cut);
+        if cut.any() {
+            // Its depth changes with what comes into view: none of that is scatter.
+            self.filter.measure_cut_disparity(region.disparity_px, noise_px);
+        } else {
+            self.filter.measure_disparity(region.disparity_px, noise_px);
+        }
         let change = (region.width_m / self.extent.width_m.max(0.05)).max(0.05).ln().abs();
         // A box that became wider or narrower may have gained or lost a side; at the border of the picture it does so anyway, and the
         // image tells whether it is one thing.
@@ -197,7 +203,7 @@ impl Track {
     /// Standard deviation of the distance, in metres, with the part of the error that the filter cannot average out.
     pub fn distance_sigma_m(&self) -> f64 {
         let systematic_m = self.distance_m() * SYSTEMATIC_PX / self.filter.disparity_px();
-        self.filter.place_sigma_m()[1].hypot(systematic_m).hypot(SYSTEMATIC_M)
+        self.filter.place_sigma_m()[1].hypot(systematic_m).hypot(SHAPE_M)
     }
 
     /// Width of the thing itself, in metres; that of its box while the own motion is unknown.

@@ -79,11 +79,13 @@ fn a_car_that_is_parked_along_a_bend_is_not_as_wide_as_long() {
             ..car(corner, [0.0; 2], 11.0)
         };
         let outline = Outline {
-            inset_m: [corner[0] - ends[0], ends[1] - corner[0]],
-            depth_m: [far[1] - corner[1], (rear[1] - corner[1]).max(0.0)],
+            face_inset_m: [corner[0] - ends[0], ends[1] - corner[0]],
+            end_depth_m: [far[1] - corner[1], (rear[1] - corner[1]).max(0.0)],
+            ..Outline::default()
         };
         let (flat, seen) = (encounter(&bend, &whole), encounter(&bend, &Obstacle { outline, ..whole }));
         assert!((seen.clearance_m - 1.0).abs() < 0.3, "{arc_m} m: {seen:?}");
+        assert!((seen.gap_m - (arc_m - 1.6 - 1.7)).abs() < 0.2, "{arc_m} m: {seen:?}");
         assert!(flat.clearance_m < seen.clearance_m - 0.5, "{arc_m} m: {flat:?}");
         // In the middle of our lane it is in the way, whatever its outline.
         let middle = Obstacle { place_m: [whole.place_m[0] - 2.5, whole.place_m[1]], outline, ..whole };
@@ -96,9 +98,13 @@ fn an_outline_reaches_no_farther_into_the_path_than_the_whole_width_at_the_near_
     // Beside a bend to the right, the left end said to be 4 m behind the near side: there it would be in the path.
     let bend = path(-1.0 / 40.0, 11.0);
     let beside = car(bend.place(14.0, 2.6), [0.0; 2], 11.0);
-    let deep = Obstacle { outline: Outline { inset_m: [0.5, 0.0], depth_m: [4.0, 0.0] }, ..beside };
+    let deep = Obstacle {
+        outline: Outline { face_inset_m: [0.5, 0.0], end_depth_m: [4.0, 0.0], ..Outline::default() },
+        ..beside
+    };
     let (flat, deep) = (encounter(&bend, &beside), encounter(&bend, &deep));
     assert!((flat.clearance_m - deep.clearance_m).abs() < 1e-9, "{flat:?} {deep:?}");
+    assert!((flat.gap_m - deep.gap_m).abs() < 0.3, "{flat:?} {deep:?}");
 }
 
 #[test]

@@ -248,4 +248,76 @@ mod tests {
         assert_eq!(a.overlap(&PixelBox { x: 20, ..a }), 0.0);
         assert_eq!(PixelBox::default().overlap(&PixelBox::default()), 0.0);
     }
+
+    const RIG: Rig = Rig { focal_px: 1000.0, baseline_m: 0.3, cx_px: 640.0, cy_px: 360.0 };
+
+    /// A region at 10 m with a box of these columns, in px, and what is seen of it.
+    fn seen(columns: [u32; 2], seen: Footprint) -> Region {
+        let mut region = Region {
+            bounds: PixelBox { x: columns[0], y: 300, width: columns[1] - columns[0], height: 100 },
+            disparity_px: 30.0,
+            disparity_sigma_px: 0.1,
+            distance_m: 10.0,
+            lateral_m: (f64::from(columns[0] + columns[1]) / 2.0 - RIG.cx_px) / 100.0,
+            width_m: f64::from(columns[1] - columns[0]) / 100.0,
+            height_m: 1.5,
+            inset_m: [0.0; 2],
+            outline: Outline::default(),
+            pixels: 1000,
+            confidence: 0.9,
+            evidence: 5.0,
+        };
+        region.set_footprint(&seen);
+        region
+    }
+
+    fn is_near(a: [f64; 2], b: [f64; 2]) -> bool {
+        (a[0] - b[0]).abs() < 1e-9 && (a[1] - b[1]).abs() < 1e-9
+    }
+
+    #[test]
+    fn an_end_beside_the_box_keeps_its_place() {
+        // A corner 1 m to the right; the right end at 4.2 m, 14 m away, is seen at 3 m at the near distance.
+        let what = Footprint { ends_m: [1.0, 4.2], depth_m: [0.0, 4.0], face_m: [1.0, 1.2] };
+        let region = seen([740, 940], what);
+        assert!(is_near(region.ends_m(), [1.0, 3.0]), "{region:?}");
+        assert!(is_near(region.outline.end_excess_m, [0.0, 1.2]) && region.is_valid(), "{region:?}");
+        let points_m = region.outline.points_m([2.0, 10.0], 2.0);
+        assert!(is_near(points_m[3], [4.2, 14.0]) && is_near(points_m[2], [1.2, 10.0]), "{points_m:?}");
+    }
+
+    #[test]
+    fn a_side_that_is_cut_off_has_no_depth() {
+        let what = Footprint { ends_m: [1.0, 2.8], depth_m: [0.0, 4.0], face_m: [1.0, 1.2] };
+        let mut region = seen([740, 940], what);
+        region.set_sides((740, 840), &RIG);
+        assert!(is_near(region.ends_m(), [1.0, 2.0]), "{region:?}");
+        assert_eq!(region.outline.end_depth_m, [0.0; 2]);
+        assert!(is_near(region.outline.face_inset_m, [0.0, 0.8]), "{region:?}");
+        // What the box gains beside it changes nothing.
+        let mut region = seen([740, 940], what);
+        region.set_sides((640, 1040), &RIG);
+        assert!(
+            is_near(region.ends_m(), [1.0, 2.8]) && region.outline.end_depth_m == [0.0, 4.0],
+            "{region:?}"
+        );
+    }
+
+    #[test]
+    fn a_part_that_is_as_near_belongs_to_the_face_and_one_behind_it_is_a_side() {
+        let whole = Footprint { ends_m: [1.0, 2.0], depth_m: [0.0; 2], face_m: [1.0, 2.0] };
+        let beside = Footprint { ends_m: [2.0, 3.0], depth_m: [0.0; 2], face_m: [2.0, 3.0] };
+        let mut region = seen([740, 840], whole);
+        region.join(&seen([840, 940], beside), &RIG);
+        assert_eq!(region.outline, Outline::default());
+        let mut region = seen([740, 840], whole);
+        let side = Region {
+            disparity_px: 25.0,
+            distance_m: 12.0,
+            ..seen([700, 740], Footprint { ends_m: [0.8, 1.0], ..beside })
+        };
+        region.join(&side, &RIG);
+        assert!(is_near(region.outline.end_depth_m, [2.0, 0.0]), "{region:?}");
+        assert!((region.ends_m()[0] + region.outline.face_inset_m[0] - 1.0).abs() < 1e-9, "{region:?}");
+    }
 }

@@ -356,3 +356,19 @@ fn what_does_not_come_nearer_has_no_time_to_collision() {
     let away = encounter(&path(0.0, 8.0), &car([0.0, 10.0], [0.0, 12.0], -4.0));
     assert!(away.time_to_collision.is_none() && away.closing_m_s < 0.0);
 }
+
+/// An oncoming car in our lane, at the edge of our path: where each drives its own part until they meet, and keeps its lane, it is
+/// known to be in the way 2 s before.
+#[test]
+fn an_oncoming_car_in_our_lane_is_in_the_way_long_before() {
+    let straight = SweptPath { curvature_sigma_per_m: 0.0004, ..path(0.0, 11.0) };
+    let oncoming = car([0.8, 60.0], [0.0, -19.0], 30.0);
+    let found = encounter(&straight, &oncoming);
+    assert!(found.is_in_the_way(false), "{found:?}");
+    // Who walks there may turn off until then.
+    let slow = encounter(&straight, &car([0.8, 32.0], [0.0, -4.0], 15.0));
+    assert!(slow.probability_then < found.probability_then, "{slow:?} {found:?}");
+    // What the driver may change in the time of the own way is more than in that until the meeting.
+    assert!(straight.sigma_after_m(38.0, 2.0) < straight.sigma_m(38.0));
+    assert!((straight.sigma_after_m(38.0, 38.0 / 11.0) - straight.sigma_m(38.0)).abs() < 1e-12);
+}

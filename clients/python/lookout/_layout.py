@@ -70,7 +70,7 @@ __all__ = [
     "RIG",
 ]
 
-LAYOUT = 9
+LAYOUT = 10
 
 # Limits.
 MAX_OBSTACLES = 128

@@ -85,7 +85,8 @@ const MIN_TRAFFIC_M_S: f64 = 5.0;
 const MAX_TRAFFIC_SINE: f64 = 0.26;
 /// See [`MIN_TRAFFIC_M_S`].
 const TRAFFIC_ACROSS_SIGMA_M_S: f64 = 0.7;
-/// Share of [`WANDER_NOISE`] of what keeps to its lane: half the changes of course of who walks.
+/// Process noise of the speed across of traffic that keeps to its lane, as a share of [`WANDER_NOISE`]: half of a walker's standard
+/// deviation.
 const LANE_WANDER_SHARE: f64 = 0.25;
 /// Most secants by which the arrival is found, and an error of it that is small enough, in metres.
 const MAX_SECANTS: usize = 8;
@@ -144,8 +145,8 @@ fn front(path: &SweptPath, place: Planar, obstacle: &Obstacle) -> Front {
             [least.min(offset_m), most.max(offset_m)]
         })
     };
-    // In a bend it matters how far away an end is. That the outline reaches farther into the path than the whole width would at the
-    // near side is not believed: the ends are those where depth is measured worst.
+    // In a bend it matters how far away an end is. Where the outline reaches farther into the path than the whole width would at the
+    // near side, it is cut off: depth is measured worst at the ends.
     let half_m = obstacle.width_m / 2.0;
     let flat = span(&[-half_m, half_m].map(|side_m| [place[0] + side_m, place[1]]));
     let seen = span(&points);

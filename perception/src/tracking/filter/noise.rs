@@ -1,16 +1,16 @@
-//! How much the measured distances of one thing really scatter.
+//! Random part of the error of one thing's measured distances.
 //!
-//! Detection states an error that contains what is the same in each frame: the steps of the matcher, and which part of the thing is its
-//! near side. Such an error shifts the distance and hardly changes a speed. What scatters from frame to frame is often much less, as
-//! of the rear of a car that is followed, and of a hedge it is as much as stated. It is estimated from the residuals (Mehra, 1972), as
-//! a share of the stated variance.
+//! The error that detection states has a systematic part, which is the same in each frame: the steps of the matcher, and which part of
+//! the thing is its near side. It shifts the distance and hardly changes a speed. The random part is often much smaller, as for the rear
+//! of a car that is followed; for a hedge it is nearly the whole. It is estimated from the residuals (adaptive measurement noise:
+//! Mehra, 1972), as a share of the stated variance.
 
 use crate::tracking::parameters::{MIN_NOISE_SHARE, NOISE_SHARE_TIME_S};
 
-/// Scatter of one thing's measured distances.
+/// Random error of one thing's measured distances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct MeasurementNoise {
-    /// Share of the stated variance, [`MIN_NOISE_SHARE`] to 1.
+    /// Variance of the random error as a share of the stated variance, [`MIN_NOISE_SHARE`] to 1.
     share: f64,
     /// Time since the last measurement, in seconds.
     elapsed_s: f64,
@@ -24,7 +24,7 @@ impl Default for MeasurementNoise {
 }
 
 impl MeasurementNoise {
-    /// Standard deviation of what scatters, of a stated one.
+    /// Standard deviation of the random error, given the stated standard deviation, in its unit.
     pub fn sigma(self, stated: f64) -> f64 {
         stated * self.share.sqrt()
     }
@@ -35,7 +35,7 @@ impl MeasurementNoise {
     }
 
     /// Takes in the square of what a measurement differs from the corrected state, plus the variance of that state, as a share of
-    /// the stated variance. Its mean is the share that scatters.
+    /// the stated variance. Its expected value is the share of the random error.
     pub fn observe(&mut self, squared: f64) {
         let gain = 1.0 - (-self.elapsed_s / NOISE_SHARE_TIME_S).exp();
         self.elapsed_s = 0.0;

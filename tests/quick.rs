@@ -6,6 +6,7 @@ mod architecture;
 mod bad_input;
 mod board;
 mod calibrate;
+mod calibrate_boards;
 mod can_out;
 mod clients;
 mod commands;

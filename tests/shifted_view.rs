@@ -3,7 +3,7 @@
 use crate::support::{Bench, save_grey, shared_data, turns};
 use nalgebra::Vector2;
 use perception::calibration::finder::{self, ordered_alike};
-use perception::calibration::{Board, Crop, Grade, Lens, Pair, StereoCalibration, calibrate, judge};
+use perception::calibration::{Board, Crop, Grade, Lens, Pair, Places, StereoCalibration, calibrate, judge};
 use perception::image::GreyView;
 use std::path::{Path, PathBuf};
 
@@ -45,7 +45,7 @@ fn shifted(pixels: &[u8], (across, down): (isize, isize)) -> Vec<u8> {
         .collect()
 }
 
-fn corners(pixels: &[u8]) -> Vec<Vector2<f64>> {
+fn corners(pixels: &[u8]) -> Places {
     let view = GreyView::new(pixels, SIZE.0, SIZE.1, SIZE.0).unwrap();
     finder::find(view, &board()).unwrap().corners
 }
@@ -54,7 +54,7 @@ fn corners(pixels: &[u8]) -> Vec<Vector2<f64>> {
 struct Set {
     views: Vec<usize>,
     pairs: Vec<Pair>,
-    shifted: Vec<[[Vec<Vector2<f64>>; 4]; 2]>,
+    shifted: Vec<[[Places; 4]; 2]>,
 }
 
 impl Set {
@@ -63,7 +63,7 @@ impl Set {
         for &view in views {
             let pictures = [0, 1].map(|side| picture(folder, side, view));
             let [left, right] = [0, 1].map(|side| corners(&pictures[side]));
-            let alike = |corners: &[_]| ordered_alike(&left, corners, &board());
+            let alike = |corners: &Places| ordered_alike(&left, corners, &board());
             set.shifted
                 .push([0, 1].map(|side| WAYS.map(|way| alike(&corners(&shifted(&pictures[side], way))))));
             set.pairs.push(Pair { right: alike(&right), left });

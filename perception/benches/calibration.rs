@@ -2,7 +2,7 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use lookout_perception::calibration::{
-    Board, Camera, Crop, Lens, Pair, Pose, Rectification, calibrate, finder,
+    Board, Camera, Crop, Distortion, Lens, Pair, Places, Pose, Rectification, calibrate, finder,
 };
 use lookout_perception::image::GreyImage;
 use lookout_perception::rectify::Remap;
@@ -11,7 +11,7 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 
 fn cameras() -> ([Camera; 2], Pose) {
     let left = Camera {
-        distortion: [0.115, -0.21, -0.0006, -0.0027, 0.0, 0.0, 0.0, 0.0],
+        distortion: Distortion::BrownConrady([0.115, -0.21, -0.0006, -0.0027, 0.0, 0.0, 0.0, 0.0]),
         ..Camera::pinhole(463.1, 462.8, 314.8, 237.3)
     };
     let between = Pose {
@@ -55,9 +55,13 @@ fn solve(c: &mut Criterion) {
                     0.5 + 0.01 * f64::from(i),
                 ),
             };
-            let mut side = |camera: &Camera, pose: &Pose| -> Option<Vec<Vector2<f64>>> {
+            let mut side = |camera: &Camera, pose: &Pose| -> Option<Places> {
                 let see = |p: &Vector2<f64>| camera.project(&pose.apply(&Vector3::new(p.x, p.y, 0.0)));
-                board.points_m().iter().map(|p| Some(see(p)? + Vector2::new(noise(), noise()))).collect()
+                board
+                    .points_m()
+                    .iter()
+                    .map(|p| Some(Some(see(p)? + Vector2::new(noise(), noise()))))
+                    .collect()
             };
             Some(Pair { left: side(&cameras[0], &pose)?, right: side(&cameras[1], &pose.then(&between))? })
         })

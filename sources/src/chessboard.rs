@@ -1,4 +1,4 @@
-//! Synthetic images of a chessboard seen by known cameras, to test calibration with.
+//! Synthetic images of a calibration board seen by known cameras, to test calibration with.
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 use perception::calibration::plane::Plane;
@@ -28,7 +28,7 @@ impl Default for Conditions {
     }
 }
 
-/// Renders a chessboard as one camera sees it.
+/// Renders a board as one camera sees it.
 #[derive(Clone, Debug)]
 pub struct BoardRenderer {
     board: Board,
@@ -60,8 +60,8 @@ impl BoardRenderer {
         let back = pose.rotation.inverse();
         let normal = pose.rotation * Vector3::z();
         let distance = normal.dot(&pose.translation_m);
-        let square = self.board.square_m();
-        let half = Vector2::new(self.board.columns() as f64 + 1.0, self.board.rows() as f64 + 1.0) * 0.5;
+        // Beyond the print there is white paper.
+        let paper = self.board.size_m() * 0.5 + Vector2::repeat(0.8 * self.board.square_m());
         let grey = |ray: &Option<Vector2<f64>>| -> f64 {
             let Some(ray) = ray else { return 0.0 };
             let ray = ray.push(1.0);
@@ -71,13 +71,11 @@ impl BoardRenderer {
                 return ground;
             }
             let point = back * (ray * along - pose.translation_m);
-            let (x, y) = (point.x / (square * conditions.stretch) + half.x, point.y / square + half.y);
-            if x < -0.8 || y < -0.8 || x > 2.0 * half.x + 0.8 || y > 2.0 * half.y + 0.8 {
+            let place = Vector2::new(point.x / conditions.stretch, point.y);
+            if place.x.abs() > paper.x || place.y.abs() > paper.y {
                 return ground;
             }
-            let inside = x >= 0.0 && y >= 0.0 && x < 2.0 * half.x && y < 2.0 * half.y;
-            let dark = inside && (x as i64 + y as i64) % 2 == 0;
-            if dark { 32.0 } else { 205.0 }
+            if self.board.is_dark(place) { 32.0 } else { 205.0 }
         };
         let sharp: Vec<u8> = self
             .rays
@@ -132,7 +130,7 @@ pub fn poses(count: usize, (near_m, far_m): (f64, f64), focal_over_width: f64, s
 #[cfg(test)]
 mod tests {
     use super::*;
-    use perception::calibration::finder;
+    use perception::calibration::{Dictionary, Distortion, Places, finder};
 
     /// Root mean square distance of the detected corners from their true positions, in pixels.
     fn error(studio: &BoardRenderer, camera: &Camera, pose: &Pose, conditions: &Conditions) -> f64 {
@@ -147,9 +145,9 @@ mod tests {
             .collect();
         // Boards with a half-turn symmetry may be read either way.
         let all = finder::orders(&found.corners, &board);
-        let rms = |c: &Vec<Vector2<f64>>| {
-            (c.iter().zip(&expected).map(|(a, b)| (a - b).norm_squared()).sum::<f64>() / c.len() as f64)
-                .sqrt()
+        let rms = |c: &Places| {
+            let off = c.iter().zip(&expected).filter_map(|(a, b)| Some(((*a)? - b).norm_squared()));
+            (off.sum::<f64>() / c.iter().flatten().count() as f64).sqrt()
         };
         all.iter().map(rms).fold(f64::INFINITY, f64::min)
     }
@@ -166,7 +164,7 @@ mod tests {
         fy_px: 533.2,
         cx_px: 331.0,
         cy_px: 236.0,
-        distortion: [-0.28, 0.09, 0.001, -0.0004, 0.0, 0.0, 0.0, 0.0],
+        distortion: Distortion::BrownConrady([-0.28, 0.09, 0.001, -0.0004, 0.0, 0.0, 0.0, 0.0]),
     };
 
     #[test]
@@ -203,6 +201,85 @@ mod tests {
             let rms = error(&studio, &CAMERA, &pose(0.3, 0.2, 0.1, 0.5), &Conditions::default());
             assert!(rms < 0.06, "{columns}x{rows}: {rms}");
         }
+    }
+
+    fn charuco() -> Board {
+        Board::charuco((10, 7), 0.024, 0.018, Dictionary::Aruco { side: 5, count: 100 }, false).unwrap()
+    }
+
+    fn april_grid() -> Board {
+        Board::april_grid((6, 4), 0.035, 0.3, 2).unwrap()
+    }
+
+    #[test]
+    fn boards_with_markers_are_found_whole_and_in_part() {
+        for board in [charuco(), april_grid()] {
+            let studio = BoardRenderer::new(&CAMERA, (640, 480), board);
+            let base = Conditions::default();
+            let mut least = usize::MAX;
+            for (conditions, limit) in [
+                (base, 0.08),
+                (Conditions { blur_px: 1.2, ..base }, 0.15),
+                (Conditions { noise: 6.0, ..base }, 0.2),
+                (Conditions { light: 0.3, ..base }, 0.12),
+            ] {
+                for (x, y, z) in [(0.0, 0.0, 0.0), (0.5, 0.3, 0.2), (-0.3, 0.6, 0.9), (0.1, -0.5, 3.0)] {
+                    // The second time the board is cut off by two borders.
+                    for (aside_m, share) in [(0.0, 0.9), (0.19, 0.25)] {
+                        let mut pose = pose(x, y, z, 0.42);
+                        pose.translation_m += Vector3::new(aside_m, 0.7 * aside_m, 0.0);
+                        let rms = error(&studio, &CAMERA, &pose, &conditions);
+                        let image = studio.picture(&pose, &conditions, 5);
+                        let seen = finder::find(image.view(), &board).unwrap().corners;
+                        let count = seen.iter().flatten().count();
+                        assert!(
+                            rms < limit,
+                            "{:?} {conditions:?} {x} {y} {z} {aside_m}: {rms}",
+                            board.pattern()
+                        );
+                        let needed = share * board.corners() as f64;
+                        assert!(
+                            count as f64 > needed,
+                            "{:?} {conditions:?} {x} {y} {z}: {count}",
+                            board.pattern()
+                        );
+                        least = least.min(count);
+                    }
+                }
+            }
+            assert!(least < board.corners() * 3 / 4, "no board was cut off: {least}");
+        }
+    }
+
+    #[test]
+    fn boards_with_markers_are_found_through_a_fisheye() {
+        let camera = Camera {
+            distortion: Distortion::Equidistant([-0.02, 0.01, -0.006, 0.001]),
+            ..Camera::pinhole(230.0, 230.0, 322.0, 238.0)
+        };
+        for board in [charuco(), april_grid(), Board::new(9, 6, 0.025).unwrap()] {
+            let studio = BoardRenderer::new(&camera, (640, 480), board);
+            for aside_m in [0.0, 0.12] {
+                let mut pose = pose(0.2, -0.3, 0.1, 0.2);
+                pose.translation_m.x += aside_m;
+                let rms = error(&studio, &camera, &pose, &Conditions::default());
+                assert!(rms < 0.1, "{:?} {aside_m}: {rms}", board.pattern());
+            }
+        }
+    }
+
+    #[test]
+    fn other_boards_with_markers_are_refused() {
+        let studio = BoardRenderer::new(&CAMERA, (640, 480), charuco());
+        let image = studio.picture(&pose(0.2, 0.2, 0.1, 0.5), &Conditions::default(), 1);
+        let other = |dictionary: &str| {
+            let board = Board::charuco((10, 7), 0.024, 0.018, dictionary.parse().unwrap(), false).unwrap();
+            finder::find(image.view(), &board)
+        };
+        assert!(other("5x5_1000").is_ok(), "5x5_100 is its beginning");
+        assert_eq!(other("6x6_100"), Err(finder::NoBoard::None));
+        assert_eq!(finder::find(image.view(), &april_grid()), Err(finder::NoBoard::None));
+        assert_eq!(finder::find(GreyImage::new(640, 480).view(), &charuco()), Err(finder::NoBoard::None));
     }
 
     #[test]

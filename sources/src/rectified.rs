@@ -87,7 +87,7 @@ impl PairSource for RectifiedSource {
 mod tests {
     use super::*;
     use nalgebra::{Rotation3, Vector2, Vector3};
-    use perception::calibration::{Camera, Crop, Pose};
+    use perception::calibration::{Camera, Crop, Distortion, Pose};
 
     /// A source with a brightness gradient in each image.
     struct Slope;
@@ -118,7 +118,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("rig.toml");
         let camera = Camera {
-            distortion: [-0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            distortion: Distortion::BrownConrady([-0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
             ..Camera::pinhole(60.0, 60.0, 31.0, 24.0)
         };
         let between = Pose {

@@ -4,14 +4,23 @@ use super::harness::{Format as Fuzzed, fuzz_format, written};
 use super::{structure, text};
 use fastrand::Rng;
 use nalgebra::{Rotation3, Vector3};
-use perception::calibration::{Camera, Crop, Pose};
+use perception::calibration::{Camera, Crop, Distortion, Pose};
 use sources::rig_file::{Format, RigFile, export, import};
 
 /// A rig as `lookout calibrate` makes one, each time another.
 fn some_rig(random: &mut Rng) -> RigFile {
     let mut near = |value: f64| value * (0.95 + 0.1 * random.f64());
     let left = Camera {
-        distortion: [near(0.1153), near(-0.2117), near(-0.00058), near(-0.00266), 0.0, 0.0, 0.0, 0.0],
+        distortion: Distortion::BrownConrady([
+            near(0.1153),
+            near(-0.2117),
+            near(-0.00058),
+            near(-0.00266),
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+        ]),
         ..Camera::pinhole(near(463.104), near(462.77), near(314.812), near(187.324))
     };
     let right = Camera { cx_px: near(326.946), cy_px: near(179.417), ..left };

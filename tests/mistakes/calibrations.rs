@@ -81,7 +81,9 @@ fn calibrations_that_do_not_fit_are_told() {
     bench.record("bare", 1);
     std::fs::remove_file(bench.path("bare/rig.toml")).unwrap();
     let camera = perception::calibration::Camera {
-        distortion: [-0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        distortion: perception::calibration::Distortion::BrownConrady([
+            -0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        ]),
         ..perception::calibration::Camera::pinhole(440.0, 440.0, 160.0, 110.0)
     };
     let between = perception::calibration::Pose {

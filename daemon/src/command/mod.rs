@@ -1,6 +1,7 @@
 //! The command line: one file per subcommand, with its arguments, its help and its handler.
 
 mod attach;
+mod board;
 mod bridge;
 mod calibrate;
 mod can;
@@ -132,7 +133,10 @@ pub enum Command {
     /// Compute the own motion of a recording: poses in KITTI's format
     #[command(after_help = odometry::HELP)]
     Odometry(odometry::Odometry),
-    /// Calibrate a stereo camera from pictures of a chessboard, and grade the result
+    /// Make a calibration board to print: chessboard, ChArUco or AprilGrid
+    #[command(after_help = board::HELP)]
+    Board(board::PrintBoard),
+    /// Calibrate a stereo camera from pictures of a board, and grade the result
     #[command(after_help = calibrate::HELP)]
     Calibrate(calibrate::Calibrate),
     /// Rectify one pair with a rig file
@@ -232,6 +236,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Disparity(args) => disparity::run(&args, log),
         Command::Obstacles(args) => obstacles::run(&args, log),
         Command::Odometry(args) => odometry::run(&args, log),
+        Command::Board(args) => board::run(&args),
         Command::Calibrate(args) => calibrate::run(&args, log),
         Command::Rectify(args) => rectify::run(&args),
         Command::Rig(args) => rig::run(&args),

@@ -1,6 +1,6 @@
 //! `lookout rig`: shows a calibration, or writes it in another format.
 
-use crate::command::calibrate::{CropChoice, pair};
+use crate::command::calibrate::{CropArgs, pair};
 use crate::command::console::say;
 use crate::command::error::CommandError;
 use clap::{Args, ValueEnum};
@@ -29,9 +29,8 @@ pub struct RigCommand {
     /// Image size, for files that do not contain it
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
     pub size: Option<(usize, usize)>,
-    /// Field of view of the rectified images, for calibrations without a rectification
-    #[arg(long, value_enum, default_value_t = CropChoice::Valid)]
-    pub crop: CropChoice,
+    #[command(flatten)]
+    pub crop: CropArgs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -71,7 +71,7 @@ pub fn tell_cameras_beside(config: &Config, source: &dyn PairSource) {
 mod tests {
     use super::*;
     use nalgebra::{Rotation3, Vector3};
-    use perception::calibration::{Camera, Crop, Pose};
+    use perception::calibration::{Camera, Crop, Distortion, Pose};
     use perception::rig::Rig;
     use sources::rig_file::RigFile;
 
@@ -107,7 +107,7 @@ mod tests {
 
     fn write_rig(path: &Path, distortion: f64, size: (usize, usize)) {
         let camera = Camera {
-            distortion: [distortion, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            distortion: Distortion::BrownConrady([distortion, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
             ..Camera::pinhole(RIG.focal_px, RIG.focal_px, RIG.cx_px, RIG.cy_px)
         };
         let between =

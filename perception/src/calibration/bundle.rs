@@ -6,14 +6,15 @@
 
 use super::camera::{Camera, Lens, MAX_PARAMETERS};
 use super::pose::{Pose, cross};
-use nalgebra::{DMatrix, DVector, Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 /// Threshold of Huber's loss in pixels, used until outlier corners are rejected.
 pub(super) const HUBER_PX: f64 = 0.7;
 
 /// Number of a view's own parameters: rotation and translation of the board, and shift of the second image.
 const OWN: usize = 8;
-type OwnMatrix = SMatrix<f64, OWN, OWN>;
+/// Symmetric matrix over a view's own parameters.
+pub type OwnMatrix = SMatrix<f64, OWN, OWN>;
 type OwnVector = SVector<f64, OWN>;
 
 /// Maximum number of iterations.
@@ -380,7 +381,7 @@ impl Problem<'_> {
                 for k in 0..self.free.lens.parameters() {
                     p[k] += global[start + k];
                 }
-                *camera = Camera::from_parameters(&p);
+                *camera = camera.with_parameters(&p);
             }
         }
         if state.cameras.len() > 1 {
@@ -451,13 +452,13 @@ impl Problem<'_> {
         Some(Solution { state, cost, shares, rounds })
     }
 
-    /// Derivative of the shift of a view's second image with respect to the shared parameters with the pose of the
-    /// board re-estimated (2 rows), and the variance of the shift for a corner variance of 1.
-    pub fn shift_response(&self, state: &State, view: usize) -> Option<(DMatrix<f64>, Matrix2<f64>)> {
+    /// Derivative of a view's own parameters (rotation and translation of its board, shift of its second image; 8 rows) with respect
+    /// to the shared ones, if they are re-estimated, and their covariance for known cameras and a corner variance of 1.
+    pub fn own_response(&self, state: &State, view: usize) -> Option<(DMatrix<f64>, OwnMatrix)> {
         let normal = self.normal(state, view)?;
         let inverse = normal.own.cholesky()?.inverse();
-        let response = -(inverse * normal.mixed.transpose()).rows(6, 2);
-        Some((response, inverse.fixed_view::<2, 2>(6, 6).into_owned()))
+        let response = -(inverse * normal.mixed.transpose());
+        Some((DMatrix::from_fn(OWN, response.ncols(), |r, c| response[(r, c)]), inverse))
     }
 
     /// Estimates the pose of one board for known cameras, and the shift of its second image, from a start value.

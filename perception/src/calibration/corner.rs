@@ -34,14 +34,15 @@ fn erf(x: f64) -> (f64, f64) {
 }
 
 /// Fits a crossing to the pixels around `start`. `along` and `down` are the steps to the next corners in pixels.
-/// Pixels within the fraction `reach` of those steps and at most `max_px` away are used. `None` if the fit leaves
-/// the window or is not a crossing.
+/// Pixels within the fraction `reach` of those steps and at most `max_px` away are used, but none that is farther than
+/// `clear` of a step from both edges: there markers begin. `None` if the fit leaves the window or is not a crossing.
 pub fn refine(
     plane: &Plane,
     start: Vector2<f64>,
     along: Vector2<f64>,
     down: Vector2<f64>,
     reach: f64,
+    clear: f64,
     max_px: f64,
 ) -> Option<Corner> {
     let determinant = along.x * down.y - along.y * down.x;
@@ -73,7 +74,8 @@ pub fn refine(
             for x in low.x.ceil() as usize..=high.x as usize {
                 let d = Vector2::new(x as f64, y as f64) - centre;
                 let s = squares(d);
-                if d.norm() <= max_px && s.x.abs() <= reach && s.y.abs() <= reach {
+                let is_clear = s.x.abs().min(s.y.abs()) <= clear;
+                if is_clear && d.norm() <= max_px && s.x.abs() <= reach && s.y.abs() <= reach {
                     let d = Vector2::new(x as f64, y as f64) - middle;
                     pixels.push((d, f64::from(plane.at(x, y)), s.x * s.y));
                 }
@@ -258,8 +260,8 @@ mod tests {
             let start = centre + Vector2::new(random.f64() - 0.5, random.f64() - 0.5) * 2.0;
             let (along, down) =
                 (16.0 * Vector2::new(a.cos(), a.sin()), 16.0 * Vector2::new(b.cos(), b.sin()));
-            let corner =
-                refine(&plane, start, along, down, 0.45, 8.0).unwrap_or_else(|| panic!("round {round}"));
+            let corner = refine(&plane, start, along, down, 0.45, f64::INFINITY, 8.0)
+                .unwrap_or_else(|| panic!("round {round}"));
             assert!((corner.blur_px / blur - 1.0).abs() < 0.25, "{corner:?} {blur}");
             sum += (corner.position - centre).norm_squared() / 2.0;
             stated += corner.sigma_px.powi(2);

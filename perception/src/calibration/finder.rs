@@ -1,8 +1,11 @@
-//! Finds a chessboard in an image.
+//! Finds a calibration board in an image.
 
+use super::board::{Board, Pattern};
 use super::corner::{self, Corner};
-use super::grid::{self, Match};
+use super::grid::{self, Match, Places};
 use super::homography;
+use super::marker::Reader;
+use super::placement;
 use super::plane::Plane;
 use super::saddle;
 use crate::image::GreyView;
@@ -11,8 +14,16 @@ use thiserror::Error;
 
 /// Maximum number of saddle points at one scale.
 const MAX_SADDLES: usize = 2500;
+/// The same, and the maximum number of seeds, for boards with markers, which have saddle points of their own.
+const MARKED: (usize, usize) = (5000, 600);
 /// Images with a longer side are searched at half, a quarter, … of their size.
 const WIDEST: usize = 900;
+/// The same for boards with markers, whose cells are small.
+const WIDEST_MARKED: usize = 1600;
+/// Corners of a board with markers that an image must show.
+pub const MIN_CORNERS: usize = 8;
+/// A board with markers of which this share of the corners is found is not searched at another scale, in percent.
+const ENOUGH_PERCENT: usize = 70;
 /// Images whose longer side is at most this are searched at twice their size, too.
 const NARROW: usize = 520;
 /// Share of the distance to the next corner that is used for the fit.
@@ -20,88 +31,12 @@ const REACH: f64 = 0.42;
 /// Maximum radius of the fit, in pixels.
 const MAX_RADIUS_PX: f64 = 8.0;
 
-/// The printed pattern: inner corners, where four squares meet, and the side of a square.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Board {
-    columns: usize,
-    rows: usize,
-    square_m: f64,
-}
-
-/// Errors of describing a board.
-#[derive(Clone, Copy, Debug, Error, PartialEq)]
-pub enum BoardError {
-    /// The number of corners is out of range.
-    #[error(
-        "a board of {columns}x{rows} inner corners: the range is 3 to 50 along each side, with at least 4 along one"
-    )]
-    Corners {
-        /// Along a row.
-        columns: usize,
-        /// Along a column.
-        rows: usize,
-    },
-    /// The side of a square is out of range.
-    #[error("squares of {square_m} m: give the measured side, 0.0005 to 2 m")]
-    Square {
-        /// In metres.
-        square_m: f64,
-    },
-}
-
-impl Board {
-    /// A board of `columns` × `rows` inner corners with squares of `square_m` metres.
-    ///
-    /// # Errors
-    /// If a side has less than 3 or more than 50 corners, both have 3, or a square is not between half a
-    /// millimetre and two metres.
-    pub fn new(columns: usize, rows: usize, square_m: f64) -> Result<Self, BoardError> {
-        let range = 3..=50;
-        if !range.contains(&columns) || !range.contains(&rows) || columns.max(rows) < 4 {
-            return Err(BoardError::Corners { columns, rows });
-        }
-        if !(0.0005..=2.0).contains(&square_m) {
-            return Err(BoardError::Square { square_m });
-        }
-        Ok(Self { columns, rows, square_m })
-    }
-
-    /// Inner corners along a row.
-    pub fn columns(&self) -> usize {
-        self.columns
-    }
-
-    /// Inner corners along a column.
-    pub fn rows(&self) -> usize {
-        self.rows
-    }
-
-    /// Side of a square, in metres.
-    pub fn square_m(&self) -> f64 {
-        self.square_m
-    }
-
-    /// Number of inner corners.
-    pub fn corners(&self) -> usize {
-        self.columns * self.rows
-    }
-
-    /// The corners in board coordinates, row by row, in metres from the centre of the board.
-    pub fn points_m(&self) -> Vec<Vector2<f64>> {
-        let middle = Vector2::new((self.columns - 1) as f64, (self.rows - 1) as f64) * 0.5;
-        (0..self.corners())
-            .map(|i| {
-                (Vector2::new((i % self.columns) as f64, (i / self.columns) as f64) - middle) * self.square_m
-            })
-            .collect()
-    }
-}
-
 /// A board found in an image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sighting {
-    /// The corners, row by row, in pixels; integers are pixel centres.
-    pub corners: Vec<Vector2<f64>>,
+    /// The corners, row by row, in pixels; integers are pixel centres. Of a chessboard all, of a board with markers at least
+    /// [`MIN_CORNERS`].
+    pub corners: Places,
     /// Median of the corners' estimated standard deviations, in pixels.
     pub sigma_px: f64,
     /// Median blur of the edges, in pixels (standard deviation).
@@ -114,7 +49,7 @@ pub struct Sighting {
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum NoBoard {
     /// No lattice of corners was found.
-    #[error("no chessboard found")]
+    #[error("no board found")]
     None,
     /// A lattice of another size.
     #[error("{columns}x{rows} corners found: the board is cut off or covered, or has another size")]
@@ -124,6 +59,14 @@ pub enum NoBoard {
         /// Corners along the other.
         rows: usize,
     },
+    /// Too few corners of a board with markers, or all in one line.
+    #[error(
+        "only {corners} corners found next to markers of the board: bring it nearer, show more of it, and check size, dictionary and number of squares"
+    )]
+    Part {
+        /// Number of these corners.
+        corners: usize,
+    },
     /// The lattice was found, but some of its corners cannot be refined.
     #[error("{lost} of the board's corners are too blurred, too dark or at the border of the image")]
     Unclear {
@@ -132,10 +75,11 @@ pub enum NoBoard {
     },
 }
 
-/// Finds `board` in an image. The run time is bounded: about that of a few blurs of an image 900 pixels wide.
+/// Finds `board` in an image. The run time is bounded: about that of a few blurs of an image 900 pixels wide, 1600 for a board
+/// with markers.
 ///
 /// # Errors
-/// If there is no board, only a part of one, or corners that cannot be refined.
+/// If there is no board, too small a part of one (of a chessboard: less than all), or corners that cannot be refined.
 pub fn find(image: GreyView<'_>, board: &Board) -> Result<Sighting, NoBoard> {
     // Scale 0 is the image, 1 half of its size, …; the search starts at the finest scale.
     let mut planes = vec![Plane::from_view(image)];
@@ -143,14 +87,64 @@ pub fn find(image: GreyView<'_>, board: &Board) -> Result<Sighting, NoBoard> {
         let Some(half) = planes.last().and_then(Plane::halved) else { break };
         planes.push(half);
     }
-    let first = planes.iter().position(|p| p.width().max(p.height()) <= WIDEST).unwrap_or(planes.len() - 1);
+    match Reader::new(board) {
+        Some(reader) => find_marked(&planes, board, &reader),
+        None => find_whole(&planes, board),
+    }
+}
+
+/// The first scale at which an image is at most `widest` pixels wide and high.
+fn first_scale(planes: &[Plane], widest: usize) -> usize {
+    planes.iter().position(|p| p.width().max(p.height()) <= widest).unwrap_or(planes.len() - 1)
+}
+
+/// Finds a board with markers: at the scale that shows most of it.
+fn find_marked(planes: &[Plane], board: &Board, reader: &Reader) -> Result<Sighting, NoBoard> {
+    let first = first_scale(planes, WIDEST_MARKED);
+    let mut best: Places = Vec::new();
+    let count = |places: &Places| places.iter().flatten().count();
+    let mut scale = first;
+    for (at, plane) in planes.iter().enumerate().skip(first).take(3) {
+        let saddles = saddle::find(&plane.blurred(saddle::SIGMA_PX), MARKED.0);
+        let lattices = grid::grow(&saddles, board.period(), MARKED.1);
+        let places = placement::corners(&lattices, plane, reader, board);
+        if count(&places) > count(&best) {
+            (best, scale) = (places, at);
+        }
+        if 100 * count(&best) >= ENOUGH_PERCENT * board.corners() {
+            break;
+        }
+    }
+    if best.is_empty() {
+        return Err(NoBoard::None);
+    }
+    let sighting = refined(best, &planes[..=scale], board).map_err(|lost| NoBoard::Unclear { lost })?;
+    let corners = count(&sighting.corners);
+    if corners < MIN_CORNERS || !spans_a_plane(&sighting.corners, board) {
+        return Err(NoBoard::Part { corners });
+    }
+    Ok(sighting)
+}
+
+/// Whether the corners lie in two rows and two columns at least, with two in each of those.
+fn spans_a_plane(corners: &Places, board: &Board) -> bool {
+    let columns = board.columns();
+    let seen = |k: usize| corners[k].is_some();
+    let rows = (0..board.rows()).filter(|r| (0..columns).filter(|c| seen(r * columns + c)).count() >= 2);
+    let lines = (0..columns).filter(|c| (0..board.rows()).filter(|r| seen(r * columns + c)).count() >= 2);
+    rows.count() >= 2 && lines.count() >= 2
+}
+
+/// Finds a whole chessboard.
+fn find_whole(planes: &[Plane], board: &Board) -> Result<Sighting, NoBoard> {
+    let first = first_scale(planes, WIDEST);
     let mut failure = NoBoard::None;
     let mut seen = 0;
     let mut consider = |result: Result<Sighting, NoBoard>| match result {
         Ok(sighting) => Some(sighting),
         Err(error) => {
             let corners = match error {
-                NoBoard::None => 0,
+                NoBoard::None | NoBoard::Part { .. } => 0,
                 NoBoard::Other { columns, rows } => columns * rows,
                 NoBoard::Unclear { .. } => usize::MAX,
             };
@@ -169,7 +163,7 @@ pub fn find(image: GreyView<'_>, board: &Board) -> Result<Sighting, NoBoard> {
         }
     }
     if first == 0
-        && image.width().max(image.height()) <= NARROW
+        && planes[0].width().max(planes[0].height()) <= NARROW
         && let Some(sighting) = consider(at_scale(&planes[0].doubled(), &planes[..1], board))
     {
         return Ok(sighting);
@@ -177,20 +171,21 @@ pub fn find(image: GreyView<'_>, board: &Board) -> Result<Sighting, NoBoard> {
     Err(failure)
 }
 
-/// Finds the board in `plane` and refines its corners in `planes`, from the last to the first.
+/// Finds the chessboard in `plane` and refines its corners in `planes`, from the last to the first.
 fn at_scale(plane: &Plane, planes: &[Plane], board: &Board) -> Result<Sighting, NoBoard> {
     let saddles = saddle::find(&plane.blurred(saddle::SIGMA_PX), MAX_SADDLES);
     let (mut other, mut lost) = ((0, 0), None);
-    for lattice in grid::grow(&saddles).iter().take(4) {
-        match lattice.matched(board.columns, board.rows) {
+    for lattice in grid::grow(&saddles, 1, grid::MAX_SEEDS).iter().take(4) {
+        match lattice.matched(board.columns(), board.rows()) {
             Match::Board(corners) => {
                 let scale = plane.width() as f64 / planes[planes.len() - 1].width() as f64;
                 // Doubling and halving preserve the outer edge of the pixel grid, not the first pixel centre.
-                let places = corners
+                let places: Places = corners
                     .iter()
                     .map(|c| c.map(|c| if scale > 1.5 { c.map(|v| 0.5 * (v + 0.5) - 0.5) } else { c }))
                     .collect();
-                match refined(places, planes, board) {
+                let whole = completed(&places, board).ok_or(places.len());
+                match whole.and_then(|places| refined(places, planes, board)) {
                     Ok(sighting) => return Ok(sighting),
                     Err(count) => lost = Some(count),
                 }
@@ -209,85 +204,110 @@ fn at_scale(plane: &Plane, planes: &[Plane], board: &Board) -> Result<Sighting, 
     }
 }
 
-/// Predicts missing corners by a homography from the others.
-fn completed(places: &[Option<Vector2<f64>>], board: &Board) -> Option<Vec<Vector2<f64>>> {
+/// Predicts missing corners of a chessboard from those around them: a wide-angle lens bends what is farther away.
+fn completed(places: &Places, board: &Board) -> Option<Places> {
     let points = board.points_m();
-    let (from, to): (Vec<_>, Vec<_>) =
-        points.iter().zip(places).filter_map(|(p, c)| Some((*p, (*c)?))).unzip();
-    let h = homography::fit(&from, &to)?;
-    Some(points.iter().zip(places).map(|(p, c)| c.unwrap_or_else(|| homography::map(&h, p))).collect())
+    (0..places.len())
+        .map(|k| places[k].or_else(|| homography::predict(&points, places, &points[k])).map(Some))
+        .collect()
 }
 
-/// Refines the corners to sub-pixel precision, from the coarsest to the finest plane. The error is the number of
-/// corners that could not be refined.
-fn refined(places: Vec<Option<Vector2<f64>>>, planes: &[Plane], board: &Board) -> Result<Sighting, usize> {
-    let Some(mut corners) = completed(&places, board) else { return Err(places.len()) };
-    let (columns, rows) = (board.columns, board.rows);
+/// Steps along the rows and down the columns at a corner, in pixels: the shorter ones of the neighbouring steps, as the window of
+/// the fit must not reach the next corner. Steps of different lengths on the board are scaled to the shortest. `None` without
+/// neighbours in either direction.
+fn steps(corners: &Places, board: &Board, k: usize) -> Option<[Vector2<f64>; 2]> {
+    let (columns, points) = (board.columns(), board.points_m());
+    let here = corners[k]?;
+    let step = |other: Option<usize>, axis: usize| -> Option<(Vector2<f64>, f64)> {
+        let other = other?;
+        let length_m = (points[other] - points[k])[axis];
+        Some(((corners[other]? - here) * length_m.signum(), length_m.abs()))
+    };
+    let (c, r) = (k % columns, k / columns);
+    let beside = [(c > 0).then(|| k - 1), (c + 1 < columns).then_some(k + 1)];
+    let above = [(r > 0).then(|| k - columns), (r + 1 < board.rows()).then_some(k + columns)];
+    let shortest_m = (points[1] - points[0]).norm().min((points[2] - points[1]).norm());
+    let shorter = |neighbours: [Option<usize>; 2], axis: usize| {
+        let scaled = neighbours.map(|n| step(n, axis).map(|(step, length_m)| step * (shortest_m / length_m)));
+        match scaled {
+            [Some(a), Some(b)] => Some((a + b) * (a.norm().min(b.norm()) / (a.norm() + b.norm()))),
+            [a, b] => a.or(b),
+        }
+    };
+    Some([shorter(beside, 0)?, shorter(above, 1)?])
+}
+
+/// Refines the corners to sub-pixel precision, from the coarsest to the finest plane. A chessboard needs all of them; the error
+/// is the number of corners that could not be refined.
+fn refined(mut corners: Places, planes: &[Plane], board: &Board) -> Result<Sighting, usize> {
+    let is_whole = board.pattern() == Pattern::Chessboard;
+    let columns = board.columns();
+    // The markers begin so far from the edges of their squares, in squares.
+    let clear = match board.pattern() {
+        Pattern::Charuco { marker_share, .. } => 0.5 * (1.0 - marker_share),
+        _ => f64::INFINITY,
+    };
     let mut fits: Vec<Option<Corner>> = Vec::new();
     for (i, plane) in planes.iter().enumerate().rev() {
         fits = (0..corners.len())
             .map(|k| {
-                let (c, r) = (k % columns, k / columns);
-                let (left, right) = (k - usize::from(c > 0), k + usize::from(c + 1 < columns));
-                let above = k - if r > 0 { columns } else { 0 };
-                let below = k + if r + 1 < rows { columns } else { 0 };
-                // The shorter of both steps: the window must not reach the next corner.
-                let shorter = |a: Vector2<f64>, b: Vector2<f64>| match (a.norm(), b.norm()) {
-                    (0.0, _) => b,
-                    (_, 0.0) => a,
-                    (x, y) => (a + b) * (x.min(y) / (x + y)),
-                };
-                let along = shorter(corners[k] - corners[left], corners[right] - corners[k]);
-                let down = shorter(corners[k] - corners[above], corners[below] - corners[k]);
-                corner::refine(plane, corners[k], along, down, REACH, MAX_RADIUS_PX)
+                let [along, down] = steps(&corners, board, k)?;
+                // Blur spreads them by about a pixel.
+                let clear = clear - 1.0 / along.norm().min(down.norm());
+                corner::refine(plane, corners[k]?, along, down, REACH, clear, MAX_RADIUS_PX)
             })
             .collect();
         let located = fits.iter().flatten().count();
         // Failures at coarser planes are allowed: those only provide start values.
-        if i == 0 && located < corners.len() {
+        if i == 0 && is_whole && located < corners.len() {
             return Err(corners.len() - located);
         }
         for (corner, fit) in corners.iter_mut().zip(&fits) {
             if let Some(fit) = fit {
-                *corner = fit.position;
+                *corner = Some(fit.position);
             }
             if i > 0 {
-                *corner = corner.map(|v| 2.0 * (v + 0.5) - 0.5);
+                *corner = corner.map(|c| c.map(|v| 2.0 * (v + 0.5) - 0.5));
             }
         }
     }
-    let fits: Vec<Corner> = fits.into_iter().flatten().collect();
     // Neighbouring corners have opposite contrast; all others are false.
-    let signs = |k: usize| if (k % columns + k / columns).is_multiple_of(2) { 1.0 } else { -1.0 };
-    let same = fits.iter().enumerate().filter(|(k, f)| f.contrast * signs(*k) > 0.0).count();
-    if same != 0 && same != fits.len() {
-        return Err(same.min(fits.len() - same));
+    let sign = |k: usize| if (k % columns + k / columns).is_multiple_of(2) { 1.0 } else { -1.0 };
+    let seen = fits.iter().flatten().count();
+    let turned =
+        fits.iter().enumerate().filter(|(k, f)| f.is_some_and(|f| f.contrast * sign(*k) > 0.0)).count();
+    if is_whole && turned != 0 && turned != seen {
+        return Err(turned.min(seen - turned));
+    }
+    for (k, fit) in fits.iter_mut().enumerate() {
+        let agrees = |f: &Corner| is_whole || (f.contrast * sign(k) > 0.0) == (2 * turned > seen);
+        *fit = fit.filter(agrees);
     }
     let middle = |f: fn(&Corner) -> f64| {
-        let mut values: Vec<f64> = fits.iter().map(f).collect();
+        let mut values: Vec<f64> = fits.iter().flatten().map(f).collect();
         values.sort_unstable_by(f64::total_cmp);
-        values[values.len() / 2]
+        values.get(values.len() / 2).copied().unwrap_or_default()
     };
     let mut sighting = Sighting {
-        corners: fits.iter().map(|f| f.position).collect(),
+        corners: fits.iter().map(|f| f.map(|f| f.position)).collect(),
         sigma_px: middle(|f| f.sigma_px),
         blur_px: middle(|f| f.blur_px),
         contrast: middle(|f| f.contrast.abs()),
     };
-    // Boards with an odd and an even side are not symmetric to rotation by 180°: their first corner has a dark
+    // Chessboards with an odd and an even side are not symmetric to rotation by 180°: their first corner has a dark
     // square at its upper left.
-    if (columns + rows) % 2 == 1 && fits.first().is_some_and(|f| f.contrast > 0.0) {
+    if is_whole && (columns + board.rows()) % 2 == 1 && fits[0].is_some_and(|f| f.contrast > 0.0) {
         sighting.corners.reverse();
     }
     Ok(sighting)
 }
 
-/// All corner orders that the symmetry of the board allows: one for boards with an odd and an even side, two for
-/// others, four for a square board.
-pub fn orders(corners: &[Vector2<f64>], board: &Board) -> Vec<Vec<Vector2<f64>>> {
-    let (columns, rows) = (board.columns, board.rows);
-    let mut all = vec![corners.to_vec()];
-    if (columns + rows) % 2 == 1 {
+/// All corner orders that the symmetry of the board allows: one for boards with markers and those with an odd and an even side,
+/// two for others, four for a square board.
+pub fn orders(corners: &Places, board: &Board) -> Vec<Places> {
+    let (columns, rows) = (board.columns(), board.rows());
+    let mut all = vec![corners.clone()];
+    if (columns + rows) % 2 == 1 || board.pattern() != Pattern::Chessboard {
         return all;
     }
     if columns == rows {
@@ -305,11 +325,13 @@ pub fn orders(corners: &[Vector2<f64>], board: &Board) -> Vec<Vec<Vector2<f64>>>
 
 /// The corners of the right image in the same order as those of the left image, for boards with rotational
 /// symmetry: of all orders, the one with the smallest displacement relative to the left image.
-pub fn ordered_alike(left: &[Vector2<f64>], right: &[Vector2<f64>], board: &Board) -> Vec<Vector2<f64>> {
-    let mean = |c: &[Vector2<f64>]| c.iter().sum::<Vector2<f64>>() / c.len() as f64;
+pub fn ordered_alike(left: &Places, right: &Places, board: &Board) -> Places {
+    let mean =
+        |c: &Places| c.iter().flatten().sum::<Vector2<f64>>() / c.iter().flatten().count().max(1) as f64;
     let (l, r) = (mean(left), mean(right));
-    let apart = |order: &[Vector2<f64>]| -> f64 {
-        order.iter().zip(left).map(|(b, a)| ((b - r) - (a - l)).norm_squared()).sum()
+    let apart = |order: &Places| -> f64 {
+        let both = order.iter().zip(left).filter_map(|(b, a)| Some(((*b)?, (*a)?)));
+        both.map(|(b, a)| ((b - r) - (a - l)).norm_squared()).sum()
     };
     orders(right, board).into_iter().min_by(|a, b| apart(a).total_cmp(&apart(b))).unwrap_or_default()
 }

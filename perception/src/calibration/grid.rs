@@ -1,4 +1,4 @@
-//! Joins saddle points to the lattice of a chessboard.
+//! Joins saddle points to the lattice of a board's corners.
 
 use super::saddle::Saddle;
 use nalgebra::Vector2;
@@ -12,8 +12,8 @@ const SEARCH_CONE: f64 = 0.3;
 const MAX_DEVIATION: f64 = 0.3;
 /// Minimum share of a board's corners that must be found, in percent.
 const MIN_PERCENT: usize = 85;
-/// Maximum number of seeds in an image.
-const MAX_SEEDS: usize = 80;
+/// Maximum number of seeds in an image. Markers have saddle points of their own, so their boards need more.
+pub(super) const MAX_SEEDS: usize = 80;
 
 /// Corners with coordinates in a lattice of unknown size and origin. The orientation from the first to the
 /// second coordinate is that from x to y.
@@ -35,8 +35,9 @@ pub enum Match {
     Other(usize, usize),
 }
 
-/// Lattices among saddle points (given in order of strength), those with most corners first.
-pub fn grow(saddles: &[Saddle]) -> Vec<Lattice> {
+/// Lattices among saddle points (given in order of strength), those with most corners first. The lengths of the steps repeat
+/// after `period` of them; at most `max_seeds` places are tried.
+pub fn grow(saddles: &[Saddle], period: usize, max_seeds: usize) -> Vec<Lattice> {
     let index = Index::new(saddles);
     let mut used = vec![false; saddles.len()];
     let mut found: Vec<Lattice> = Vec::new();
@@ -45,10 +46,10 @@ pub fn grow(saddles: &[Saddle]) -> Vec<Lattice> {
         if used[seed] {
             continue;
         }
-        if seeds == MAX_SEEDS {
+        if seeds == max_seeds {
             break;
         }
-        let Some(grown) = Growth::from_seed(saddles, &index, &used, seed) else { continue };
+        let Some(grown) = Growth::from_seed(saddles, &index, &used, seed, period) else { continue };
         seeds += 1;
         if grown.cells.len() < 6 {
             continue;
@@ -143,18 +144,26 @@ struct Growth<'a> {
     index: &'a Index,
     taken: Vec<bool>,
     cells: HashMap<(i32, i32), usize>,
+    /// Number of steps after which their lengths repeat.
+    period: i32,
 }
 
 const SIDES: [(i32, i32); 4] = [(1, 0), (-1, 0), (0, 1), (0, -1)];
 
 impl<'a> Growth<'a> {
-    fn from_seed(saddles: &'a [Saddle], index: &'a Index, used: &[bool], seed: usize) -> Option<Self> {
+    fn from_seed(
+        saddles: &'a [Saddle],
+        index: &'a Index,
+        used: &[bool],
+        seed: usize,
+        period: usize,
+    ) -> Option<Self> {
         let beside = first_neighbours(saddles, index, used, seed);
         if beside[0].or(beside[1]).is_none() || beside[2].or(beside[3]).is_none() {
             return None;
         }
         let cells = HashMap::from([((0, 0), seed)]);
-        let mut growth = Self { saddles, index, taken: used.to_vec(), cells };
+        let mut growth = Self { saddles, index, taken: used.to_vec(), cells, period: period as i32 };
         growth.taken[seed] = true;
         for (side, next) in SIDES.into_iter().zip(beside) {
             if let Some(next) = next.filter(|&next| !growth.taken[next]) {
@@ -170,17 +179,17 @@ impl<'a> Growth<'a> {
         self.cells.get(&cell).map(|&i| self.saddles[i].position)
     }
 
-    /// The expected step from a cell to a side: the previous step in that direction, or else a parallel step
+    /// The expected step from a cell to a side: the previous step of its length in that direction, or else a parallel step
     /// nearby.
     fn expected(&self, (i, j): (i32, i32), (di, dj): (i32, i32)) -> Option<Vector2<f64>> {
-        let here = self.place((i, j))?;
-        if let Some(back) = self.place((i - di, j - dj)) {
-            return Some(here - back);
+        let back = |steps: i32| self.place((i - steps * di, j - steps * dj));
+        if let (Some(from), Some(to)) = (back(self.period), back(self.period - 1)) {
+            return Some(to - from);
         }
-        // Parallel lines, and one step before or after there; near lines first.
+        // Parallel lines, and one period before or after there; near lines first.
         for far in 1..=3 {
             for (si, sj) in [(dj * far, di * far), (-dj * far, -di * far)] {
-                for shift in [0, -1, 1] {
+                for shift in [0, -self.period, self.period] {
                     let from = (i + si + shift * di, j + sj + shift * dj);
                     if let (Some(a), Some(b)) = (self.place(from), self.place((from.0 + di, from.1 + dj))) {
                         return Some(b - a);
@@ -371,7 +380,7 @@ mod tests {
             let turn = f64::from(step) * 0.26;
             let mut saddles = board(turn);
             fastrand::Rng::with_seed(step as u64).shuffle(&mut saddles);
-            let lattices = grow(&saddles);
+            let lattices = grow(&saddles, 1, MAX_SEEDS);
             assert_eq!(lattices[0].cells.len(), 20, "turn {turn}");
             let Match::Board(corners) = lattices[0].matched(5, 4) else { panic!("turn {turn}") };
             let at = |c: usize, r: usize| corners[r * 5 + c].unwrap();
@@ -387,17 +396,17 @@ mod tests {
         let mut saddles = board(0.1);
         saddles.remove(7);
         saddles.remove(0);
-        let lattice = &grow(&saddles)[0];
+        let lattice = &grow(&saddles, 1, MAX_SEEDS)[0];
         let Match::Board(corners) = lattice.matched(5, 4) else { panic!("{lattice:?}") };
         assert_eq!(corners.iter().flatten().count(), 18);
         assert!(corners[0].is_none() && corners[7].is_none());
         saddles.truncate(12);
-        assert!(matches!(grow(&saddles)[0].matched(5, 4), Match::Other(..)));
+        assert!(matches!(grow(&saddles, 1, MAX_SEEDS)[0].matched(5, 4), Match::Other(..)));
         // Saddle points without alternating contrast fit nowhere.
         let mut same = board(0.1);
         for s in &mut same {
             (s.rising, s.falling) = (0.1, 1.6);
         }
-        assert!(grow(&same).is_empty());
+        assert!(grow(&same, 1, MAX_SEEDS).is_empty());
     }
 }

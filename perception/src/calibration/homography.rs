@@ -55,6 +55,24 @@ pub fn fit(from: &[Vector2<f64>], to: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
     (h[(2, 2)].abs() > 1e-15).then(|| h / h[(2, 2)]).filter(|h| h.iter().all(|v| v.is_finite()))
 }
 
+/// Points from which another one is predicted.
+const NEAREST: usize = 12;
+
+/// Where `point` lies in the image, by the homography of the nearest points of the plane that are known there: a wide-angle lens
+/// bends what is farther away.
+pub fn predict(
+    points: &[Vector2<f64>],
+    places: &[Option<Vector2<f64>>],
+    point: &Vector2<f64>,
+) -> Option<Vector2<f64>> {
+    let mut known: Vec<_> =
+        points.iter().zip(places).filter_map(|(p, place)| Some((*p, (*place)?))).collect();
+    known.sort_by(|a, b| (a.0 - point).norm_squared().total_cmp(&(b.0 - point).norm_squared()));
+    known.truncate(NEAREST);
+    let (from, to): (Vec<_>, Vec<_>) = known.into_iter().unzip();
+    Some(map(&fit(&from, &to)?, point))
+}
+
 /// The row of Zhang's equations for columns i and j of a homography, without skew: coefficients of
 /// B11, B22, B13, B23 and B33.
 fn equation(h: &Matrix3<f64>, i: usize, j: usize) -> SVector<f64, 5> {

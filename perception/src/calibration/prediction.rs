@@ -39,11 +39,13 @@ pub fn offsets(problem: &Problem<'_>, solution: &Solution, noise: f64) -> Vec<Of
             let share = &solution.shares[v];
             let Some(others) = (&information - &share.information).cholesky() else { return open };
             let Some((_, own)) = loose.pose_of(state, v, state.boards[v]) else { return open };
-            let Some((response, variance)) = loose.shift_response(state, v) else { return open };
+            let Some((response, covariance)) = loose.own_response(state, v) else { return open };
+            // Of the shift alone.
+            let (response, variance) = (response.rows(6, 2), covariance.fixed_view::<2, 2>(6, 6));
             // The gradient of the other views is the negative of this view's, as the total gradient is zero.
             let step = -others.solve(&share.gradient);
-            let by_step = &response * step;
-            let by_noise = &response * others.inverse() * response.transpose();
+            let by_step = response * step;
+            let by_noise = response * others.inverse() * response.transpose();
             let covariance = (Matrix2::from_fn(|r, c| by_noise[(r, c)]) + variance) * noise;
             Offset {
                 shift_px: own + Vector2::new(by_step[0], by_step[1]),

@@ -10,15 +10,19 @@ use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use thiserror::Error;
 
 /// Choice of the rectified focal length.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Crop {
-    /// The smallest focal length at which every rectified pixel shows a camera pixel.
+    /// The smallest focal length at which every rectified pixel shows a camera pixel, but no wider than
+    /// [`WIDEST_VALID_DEG`].
     #[default]
     Valid,
     /// The largest focal length at which every pixel of both cameras is kept; the rest is black.
     Full,
     /// The mean focal length of the cameras.
     Same,
+    /// The focal length at which the images have this horizontal field of view, in degrees, with the principal point in their
+    /// middle: for wide-angle lenses, of which no pinhole camera shows all.
+    FieldOfView(f64),
 }
 
 /// Why a pair of cameras cannot be rectified.
@@ -73,6 +77,13 @@ pub struct Rectification {
     /// x, y, width and height of the rectangle that both cameras cover, in rectified pixels.
     pub valid: [usize; 4],
 }
+
+/// Widest horizontal field of view of the rectified images, in degrees: at its border a pixel covers a ninth of the angle of one
+/// in the middle.
+pub const MAX_FIELD_OF_VIEW_DEG: f64 = 140.0;
+
+/// Widest horizontal field of view of [`Crop::Valid`], in degrees. A fisheye lens sees more, but there its pixels are stretched.
+pub const WIDEST_VALID_DEG: f64 = 100.0;
 
 /// Roll between the cameras above which one counts as upside down, in degrees: nearer to 180 than to 0.
 const MAX_ROLL_DEG: f64 = 90.0;
@@ -194,9 +205,11 @@ impl Rectification {
         let own = cameras.iter().map(|c| (c.fx_px * c.fy_px).sqrt()).sum::<f64>() / 2.0;
         let (box_, focal_px) = match crop {
             Crop::Valid => {
+                let limit = (0.5 * WIDEST_VALID_DEG).to_radians().tan();
+                let shown = [inner[0].max(-limit), inner[1].min(limit), inner[2], inner[3]];
                 let focal =
-                    ((width - 1.0) / (inner[1] - inner[0])).max((height - 1.0) / (inner[3] - inner[2]));
-                (inner, focal)
+                    ((width - 1.0) / (shown[1] - shown[0])).max((height - 1.0) / (shown[3] - shown[2]));
+                (shown, focal)
             }
             Crop::Full => {
                 let focal =
@@ -204,6 +217,10 @@ impl Rectification {
                 (outer, focal)
             }
             Crop::Same => (inner, own),
+            Crop::FieldOfView(degrees) => {
+                let half = (0.5 * degrees.clamp(1.0, MAX_FIELD_OF_VIEW_DEG)).to_radians().tan();
+                ([-half, half, -half, half], 0.5 * (width - 1.0) / half)
+            }
         };
         let cx_px = 0.5 * (width - 1.0) - focal_px * 0.5 * (box_[0] + box_[1]);
         let cy_px = 0.5 * (height - 1.0) - focal_px * 0.5 * (box_[2] + box_[3]);
@@ -264,10 +281,11 @@ impl Rectification {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::Distortion;
 
     fn cameras() -> ([Camera; 2], Pose) {
         let left = Camera {
-            distortion: [0.115, -0.21, -0.0006, -0.0027, 0.0, 0.0, 0.0, 0.0],
+            distortion: Distortion::BrownConrady([0.115, -0.21, -0.0006, -0.0027, 0.0, 0.0, 0.0, 0.0]),
             ..Camera::pinhole(463.1, 462.8, 314.8, 187.3)
         };
         let right = Camera { cx_px: 326.9, cy_px: 179.4, ..left };

@@ -78,14 +78,14 @@ impl RightTurn {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Crop;
+    use crate::calibration::{Crop, Distortion};
     use nalgebra::Vector2;
 
     const SIZE: (usize, usize) = (640, 480);
 
     fn rig() -> ([Camera; 2], Pose, Rectification) {
         let camera = Camera {
-            distortion: [-0.2, 0.05, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            distortion: Distortion::BrownConrady([-0.2, 0.05, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
             ..Camera::pinhole(520.0, 521.0, 322.0, 238.0)
         };
         let between = Pose {

@@ -1,7 +1,7 @@
 //! Start values: two cameras from corners alone, for refinement by least squares.
 
 use super::bundle::{Free, HUBER_PX, Problem, RIGID, Shape, Solution, State, View};
-use super::camera::{Camera, Lens};
+use super::camera::{Camera, Distortion, Lens};
 use super::homography;
 use super::pose::{Pose, median};
 use nalgebra::{Matrix3, Vector2};
@@ -39,18 +39,44 @@ pub fn board_pose(board: &[Vector2<f64>], view: &View, camera: &Camera) -> Optio
     homography::pose(&homography(board, &straight)?, &plain)
 }
 
-/// Estimates one camera from its views.
-fn alone(board: &[Vector2<f64>], views: &[View], size: (usize, usize), lens: Lens) -> Option<Solution> {
+/// Half of the horizontal field of view of the fisheye lenses that are tried, in radians: 40 to 180 degrees in all.
+const FISHEYE_HALF_ANGLES_RAD: [f64; 6] = [1.05, 0.8, 1.3, 0.6, 1.57, 0.35];
+
+/// Cameras to begin with, each with the poses of the boards, the most likely first.
+fn starts(
+    board: &[Vector2<f64>],
+    views: &[View],
+    size: (usize, usize),
+    lens: Lens,
+) -> Option<Vec<(Camera, Vec<Pose>)>> {
+    if lens == Lens::Fisheye {
+        // Straight lines are bent too much for homographies from the pixels: equidistant lenses without further distortion.
+        let (width, height) = (size.0 as f64, size.1 as f64);
+        let cameras = FISHEYE_HALF_ANGLES_RAD.map(|half| {
+            let focal = 0.5 * width / half;
+            let plain = Camera::pinhole(focal, focal, 0.5 * (width - 1.0), 0.5 * (height - 1.0));
+            Camera { distortion: Distortion::Equidistant([0.0; 4]), ..plain }
+        });
+        let with_poses = |camera: Camera| {
+            Some((camera, views.iter().map(|v| board_pose(board, v, &camera)).collect::<Option<_>>()?))
+        };
+        return Some(cameras.into_iter().filter_map(with_poses).collect());
+    }
     let homographies: Vec<Matrix3<f64>> =
         views.iter().map(|v| homography(board, &v.corners[0])).collect::<Option<_>>()?;
+    let with_poses = |camera: Camera| {
+        Some((camera, homographies.iter().map(|h| homography::pose(h, &camera)).collect::<Option<_>>()?))
+    };
+    Some(homography::starts(&homographies, size.0, size.1).into_iter().filter_map(with_poses).collect())
+}
+
+/// Estimates one camera from its views.
+fn alone(board: &[Vector2<f64>], views: &[View], size: (usize, usize), lens: Lens) -> Option<Solution> {
     let free = Free { lens, cameras: true, stretch: false, bend: false };
     let problem = Problem { board, views, free, huber_px: HUBER_PX, shift_cost: RIGID };
-    let corners: usize = views.iter().map(|v| v.corners[0].len()).sum();
+    let corners = views.iter().flat_map(|v| &v.corners[0]).flatten().count();
     let mut best: Option<Solution> = None;
-    for camera in homography::starts(&homographies, size.0, size.1) {
-        let Some(boards) = homographies.iter().map(|h| homography::pose(h, &camera)).collect() else {
-            continue;
-        };
+    for (camera, boards) in starts(board, views, size, lens)? {
         let start = State {
             cameras: vec![camera],
             between: Pose::identity(),

@@ -1,11 +1,13 @@
 //! Calibration of a camera pair from corners: selection of views, bundle adjustment, rectification and quality
 //! figures.
 
+use super::board::Board;
 use super::bundle::{Free, HUBER_PX, Problem, RIGID, Shape, Solution, State, View};
 use super::camera::{Camera, Lens};
-use super::finder::Board;
+use super::grid::Places;
 use super::pose::Pose;
 use super::prediction::offsets;
+use super::projection::ProjectionUncertainty;
 use super::rectification::{Crop, Rectification, RectificationError};
 use super::rejection::{VIEW_CERTAINTY, corner_variance, reject_corners, view_faults};
 use super::start;
@@ -22,13 +24,13 @@ const MIN_VIEWS_TO_BEND: usize = 8;
 /// Ratio of corner variance to shift variance above which shifts are disabled.
 const RIGID_RATIO: f64 = 20.0;
 
-/// The corners of a board in both images of a pair, in the same order, in pixels.
+/// The corners of a board in both images of a pair, in the board's order, in pixels; `None` where an image does not show them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pair {
     /// In the left image.
-    pub left: Vec<Vector2<f64>>,
+    pub left: Places,
     /// In the right image.
-    pub right: Vec<Vector2<f64>>,
+    pub right: Places,
 }
 
 /// Errors of [`calibrate`].
@@ -63,10 +65,11 @@ pub struct ViewReport {
     pub moved: bool,
     /// Rejected corners: side and index.
     pub rejected: Vec<(usize, usize)>,
-    /// Observed minus projected corners for both images, in pixels.
-    pub residuals_px: [Vec<Vector2<f64>>; 2],
-    /// Row in the left minus row in the right rectified image for each corner, in pixels.
-    pub vertical_px: Vec<f64>,
+    /// Observed minus projected corners for both images, in pixels; `None` where an image does not show them.
+    pub residuals_px: [Places; 2],
+    /// Row in the left minus row in the right rectified image for each corner, in pixels; `None` where one of the images does not
+    /// show it.
+    pub vertical_px: Vec<Option<f64>>,
     /// Angle between the normal of the board and the optical axis of the left camera, in radians.
     pub tilt_rad: f64,
     /// Direction of the tilt: direction of the board's normal in the image, in radians.
@@ -92,6 +95,8 @@ pub struct StereoCalibration {
     pub stretch_sigma: f64,
     /// Standard deviations of the parameters.
     pub uncertainty: Uncertainty,
+    /// Uncertainty of where the cameras see a point.
+    pub projection: ProjectionUncertainty,
     /// The rectified pair.
     pub rectification: Rectification,
     /// Root mean square reprojection error over the used views, with one board pose for both images, in pixels.
@@ -281,23 +286,27 @@ struct Errors {
 }
 
 fn errors(reports: &[ViewReport], used: &[usize], corners: usize) -> Errors {
-    let (mut sums, mut count, mut vertical) = ([0.0; 2], 0, (0.0, 0));
+    let (mut sums, mut counts, mut vertical) = ([0.0; 2], [0; 2], (0.0, 0));
     for &i in used {
         let report = &reports[i];
         let counted = |k: usize| !report.rejected.iter().any(|r| r.1 == k);
         for k in (0..corners).filter(|&k| counted(k)) {
             for side in 0..2 {
-                sums[side] += report.residuals_px[side][k].norm_squared();
+                if let Some(residual) = report.residuals_px[side][k] {
+                    sums[side] += residual.norm_squared();
+                    counts[side] += 1;
+                }
             }
-            vertical.0 += report.vertical_px[k].abs();
-            vertical.1 += 1;
-            count += 1;
+            if let Some(rows) = report.vertical_px[k] {
+                vertical.0 += rows.abs();
+                vertical.1 += 1;
+            }
         }
     }
-    let n = f64::from(count.max(1));
+    let root = |sum: f64, count: i32| (sum / f64::from(count.max(1))).sqrt();
     Errors {
-        rms_px: ((sums[0] + sums[1]) / (2.0 * n)).sqrt(),
-        rms_sides_px: sums.map(|s| (s / n).sqrt()),
+        rms_px: root(sums[0] + sums[1], counts[0] + counts[1]),
+        rms_sides_px: [0, 1].map(|side| root(sums[side], counts[side])),
         vertical_mean_px: vertical.0 / f64::from(vertical.1.max(1)),
     }
 }
@@ -314,12 +323,8 @@ fn solve(
         return Err(CalibrationError::TooFew { given: pairs.len() });
     }
     let points = board.points_m();
-    let all: Vec<View> = pairs
-        .iter()
-        .map(|p| View {
-            corners: [&p.left, &p.right].map(|c| c.iter().copied().map(Some).collect()).to_vec(),
-        })
-        .collect();
+    let all: Vec<View> =
+        pairs.iter().map(|p| View { corners: vec![p.left.clone(), p.right.clone()] }).collect();
     let flat = start::solve(&points, &all, size, lens).ok_or(CalibrationError::Undetermined)?;
     let mut selection = select(&points, all.clone(), flat.state, lens, selective)?;
     let chosen: Vec<View> = selection.used.iter().map(|&i| selection.views[i].clone()).collect();
@@ -328,7 +333,8 @@ fn solve(
     let between = solution.state.between;
     let rectification = Rectification::new(&cameras, &between, size, crop)?;
     let noise = corner_variance(&solution, &chosen, shift_cost);
-    let uncertainty = Uncertainty::new(&solution, lens, noise, size).ok_or(CalibrationError::Undetermined)?;
+    let covariance = Uncertainty::covariance(&solution, noise).ok_or(CalibrationError::Undetermined)?;
+    let uncertainty = Uncertainty::new(&solution, &covariance, lens, size);
     let (stretch, stretch_sigma) = stretch(&points, &chosen, lens, shift_cost, &solution);
 
     let mut reports = view_reports(&points, &all, &mut selection, &solution, lens, &rectification)?;
@@ -350,6 +356,8 @@ fn solve(
     let (halves, vertical_heldout_px) = held_out(&chosen, &solution.state, size, &|views, state| {
         adjust(&points, lens, views, state, shift_cost, f64::INFINITY).ok()
     });
+    let projection = ProjectionUncertainty::new(&problem, &solution, covariance, noise)
+        .ok_or(CalibrationError::Undetermined)?;
     Ok(StereoCalibration {
         cameras,
         lens,
@@ -358,6 +366,7 @@ fn solve(
         board_reach_m: points.iter().map(|p| p.norm()).fold(0.0, f64::max),
         stretch_sigma,
         uncertainty,
+        projection,
         rectification,
         rms_px,
         rms_sides_px,
@@ -404,18 +413,14 @@ fn view_report(
     if let Some((pose, _)) = rigid.pose_of(&own, view, own.boards[view]) {
         own.boards[view] = pose;
     }
-    let far = Vector2::repeat(f64::NAN);
-    let sides: Vec<Vec<Vector2<f64>>> = rigid
-        .residuals(&own, view)
-        .into_iter()
-        .map(|s| s.into_iter().map(|r| r.unwrap_or(far)).collect())
-        .collect();
-    let rms = |r: &[Vector2<f64>]| {
-        (r.iter().map(Vector2::norm_squared).sum::<f64>() / r.len().max(1) as f64).sqrt()
+    let sides = rigid.residuals(&own, view);
+    let rms = |r: &Places| {
+        let seen = r.iter().flatten();
+        (seen.clone().map(Vector2::norm_squared).sum::<f64>() / seen.count().max(1) as f64).sqrt()
     };
     let corners = &rigid.views[view].corners;
     let row = |side: usize, k: usize| {
-        corners[side][k].and_then(|p| rectification.rectified(cameras, side, p)).map_or(f64::NAN, |p| p.y)
+        corners[side][k].and_then(|p| rectification.rectified(cameras, side, p)).map(|p| p.y)
     };
     let pose = own.boards[view];
     let axis = pose.rotation * Vector3::z();
@@ -425,7 +430,7 @@ fn view_report(
         rms_px: [rms(&sides[0]), rms(&sides[1])],
         shift_px,
         rejected: Vec::new(),
-        vertical_px: (0..rigid.board.len()).map(|k| row(0, k) - row(1, k)).collect(),
+        vertical_px: (0..rigid.board.len()).map(|k| Some(row(0, k)? - row(1, k)?)).collect(),
         residuals_px: [sides[0].clone(), sides[1].clone()],
         tilt_rad: axis.x.hypot(axis.y).atan2(axis.z.abs()),
         tilt_direction_rad: (axis.y * axis.z.signum()).atan2(axis.x * axis.z.signum()),

@@ -37,7 +37,7 @@ fn stepped(state: &State, lens: Lens, step: &DVector<f64>) -> ([Camera; 2], Pose
         for k in 0..n {
             p[k] += step[side * n + k];
         }
-        Camera::from_parameters(&p)
+        state.cameras[side].with_parameters(&p)
     };
     let turn = SVector::<f64, 6>::from_fn(|i, _| step[2 * n + i]);
     ([moved(0), moved(1)], state.between.stepped(&turn))
@@ -81,9 +81,8 @@ impl Uncertainty {
         Some(covariance)
     }
 
-    /// The standard deviations of a solution for two cameras with images of `size`.
-    pub fn new(solution: &Solution, lens: Lens, noise: f64, size: (usize, usize)) -> Option<Self> {
-        let covariance = Self::covariance(solution, noise)?;
+    /// The standard deviations of a solution for two cameras with images of `size`, from [`Uncertainty::covariance`].
+    pub fn new(solution: &Solution, covariance: &DMatrix<f64>, lens: Lens, size: (usize, usize)) -> Self {
         let n = lens.parameters();
         let sigma = |i: usize| covariance[(i, i)].max(0.0).sqrt();
         let mut cameras = [[0.0; MAX_PARAMETERS]; 2];
@@ -93,7 +92,7 @@ impl Uncertainty {
             }
         }
         let state = &solution.state;
-        let variance = |slope: &DVector<f64>| (slope.transpose() * &covariance * slope)[0].max(0.0);
+        let variance = |slope: &DVector<f64>| (slope.transpose() * covariance * slope)[0].max(0.0);
         let mut baseline = DVector::zeros(covariance.nrows());
         let t = state.between.translation_m;
         for k in 0..3 {
@@ -125,13 +124,13 @@ impl Uncertainty {
                 disparity_px = disparity_px.max(variance(&across).sqrt());
             }
         }
-        Some(Self {
+        Self {
             cameras,
             rotation_rad: [0, 1, 2].map(|k| sigma(2 * n + k)),
             translation_m: [3, 4, 5].map(|k| sigma(2 * n + k)),
             baseline_m: variance(&baseline).sqrt(),
             row_px,
             disparity_px,
-        })
+        }
     }
 }

@@ -198,10 +198,9 @@ pub fn camera_message(channel: &Channel, message: &Bytes) -> Option<CameraMessag
         let mut cdr = Cdr::new(message)?;
         cdr.header()?;
         let (height, width) = (cdr.u32()?, cdr.u32()?);
-        // The distortion model.
-        cdr.text()?;
+        // The equidistant model bends straight lines with coefficients of 0, too.
+        let mut is_distorted = cdr.text()? == "equidistant";
         let coefficients = cdr.u32()?;
-        let mut is_distorted = false;
         for _ in 0..coefficients {
             is_distorted |= is_bent(&cdr.f64()?);
         }

@@ -134,7 +134,7 @@ mod tests {
             panic!("raw pictures")
         };
         assert!((file.between.translation_m - Vector3::new(-0.5, 0.0, 0.0)).norm() < 1e-12);
-        assert_eq!(file.cameras[0].distortion[0], -0.3);
+        assert_eq!(file.cameras[0].distortion.coefficients()[0], -0.3);
         for (from, to, size, expected) in [
             ("", "", (91, 40), "90x40"),
             ("K_03", "K_04", (100, 60), "K_03 is missing"),
@@ -176,7 +176,7 @@ mod tests {
         };
         assert!((file.between.translation_m - Vector3::new(-0.11, 0.0, 0.0)).norm() < 1e-12);
         assert!((file.between.rotation.matrix() - Matrix3::identity()).norm() < 1e-12);
-        assert_eq!((file.size(), file.cameras[1].distortion[1]), ((64, 48), 0.07));
+        assert_eq!((file.size(), file.cameras[1].distortion.coefficients()[1]), ((64, 48), 0.07));
         let text = std::fs::read_to_string(&left).unwrap().replace("radial-tangential", "equidistant");
         std::fs::write(&left, text).unwrap();
         let error = calibration_file::open(&left, true).unwrap_err().to_string();

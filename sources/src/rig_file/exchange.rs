@@ -2,12 +2,12 @@
 //! are converted to two cameras, in metres, left to right.
 
 use super::calibration::Calibration;
-use super::values::{Cameras, camera, numbers, pixels, turn};
+use super::values::{Cameras, camera, fisheye, numbers, pixels, turn};
 use super::yaml::{self, Value};
 use super::{RigFile, check_camera, data_sets, rows, write_atomically};
 use crate::{SourceError, calibration_file, calibration_text};
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use perception::calibration::{Camera, Crop, Pose};
+use perception::calibration::{Camera, Crop, Distortion, Pose};
 use perception::excerpt::{VALUE_CHARS, excerpt};
 use perception::rig::Rig;
 use std::fmt::Write;
@@ -18,12 +18,13 @@ use std::path::{Path, PathBuf};
 pub enum Format {
     /// The rig file of this project.
     Toml,
-    /// OpenCV FileStorage YAML: M1, D1, M2, D2, R, T, R1, R2, P1, P2, Q, image_size.
+    /// OpenCV FileStorage YAML: M1, D1, M2, D2, R, T, R1, R2, P1, P2, Q, image_size; `distortion_model: equidistant` if D1 and
+    /// D2 are those of `cv::fisheye`.
     Opencv,
     /// ROS camera_info, one file per camera: the left one at the given path, the right one with "right"
     /// instead of "left" in its name, or with "_right" appended.
     Ros,
-    /// Kalibr camchain: pinhole and radtan, four coefficients.
+    /// Kalibr camchain: pinhole with radtan or equidistant, four coefficients.
     Kalibr,
     /// KITTI calib.txt: P2 and P3 of the rectified pair.
     Kitti,
@@ -132,10 +133,22 @@ fn opencv(documents: &[Value], size: Option<(usize, usize)>) -> Result<Cameras, 
     // Intrinsics and extrinsics may be in two files.
     let holder = |key: &str| documents.iter().find(|d| d.get(key).is_some()).unwrap_or(&documents[0]);
     let name = |a: &'static str, b: &'static str| if holder(a).get(a).is_some() { a } else { b };
+    let model = holder("distortion_model").get("distortion_model").and_then(Value::word);
+    let is_fisheye = match model {
+        None | Some("plumb_bob" | "rational_polynomial") => false,
+        Some("equidistant" | "fisheye") => true,
+        Some(other) => {
+            return Err(format!(
+                "distortion_model is {}: equidistant (of cv::fisheye) and plumb_bob are supported",
+                excerpt(other, VALUE_CHARS)
+            ));
+        }
+    };
     let side = |m: &str, d: &str| -> Result<Camera, String> {
         let coefficients =
             holder(d).get(d).and_then(Value::numbers).ok_or_else(|| format!("{d} is missing"))?;
-        camera(&numbers(holder(m), m)?, &coefficients)
+        let lens = if is_fisheye { fisheye } else { camera };
+        lens(&numbers(holder(m), m)?, &coefficients)
     };
     let left = side(name("M1", "K1"), "D1")?;
     let right = side(name("M2", "K2"), "D2")?;
@@ -163,9 +176,9 @@ fn ros(documents: &[Value]) -> Result<Cameras, String> {
     };
     let one = |d: &Value| -> Result<RosCamera, String> {
         let model = d.get("distortion_model").and_then(Value::word).unwrap_or("plumb_bob");
-        if !["plumb_bob", "rational_polynomial"].contains(&model) {
+        if !["plumb_bob", "rational_polynomial", "equidistant"].contains(&model) {
             return Err(format!(
-                "distortion_model is {}: plumb_bob and rational_polynomial are supported",
+                "distortion_model is {}: plumb_bob, rational_polynomial and equidistant are supported",
                 excerpt(model, VALUE_CHARS)
             ));
         }
@@ -175,7 +188,8 @@ fn ros(documents: &[Value]) -> Result<Cameras, String> {
             .ok_or("distortion_coefficients is missing")?;
         let [w] = numbers(d, "image_width")?;
         let [h] = numbers(d, "image_height")?;
-        let camera = camera(&numbers(d, "camera_matrix")?, &coefficients)?;
+        let lens = if model == "equidistant" { fisheye } else { camera };
+        let camera = lens(&numbers(d, "camera_matrix")?, &coefficients)?;
         let turn = turn(&numbers(d, "rectification_matrix")?, "rectification_matrix")?;
         Ok((camera, *turn.matrix(), numbers(d, "projection_matrix")?, (pixels(w)?, pixels(h)?)))
     };
@@ -192,19 +206,22 @@ fn ros(documents: &[Value]) -> Result<Cameras, String> {
 fn kalibr(document: &Value) -> Result<Cameras, String> {
     let one = |key: &str| -> Result<(Camera, (usize, usize)), String> {
         let c = document.get(key).ok_or_else(|| format!("{key} is missing: two cameras are required"))?;
-        for (name, supported) in [("camera_model", "pinhole"), ("distortion_model", "radtan")] {
-            let model = c.get(name).and_then(Value::word).unwrap_or("");
-            if model != supported {
-                return Err(format!(
-                    "{key}: {name} is \"{}\": {supported} is supported",
-                    excerpt(model, VALUE_CHARS)
-                ));
-            }
+        let word = |name: &str| c.get(name).and_then(Value::word).unwrap_or("");
+        let not = |name: &str, supported: &str| {
+            format!("{key}: {name} is \"{}\": {supported} is supported", excerpt(word(name), VALUE_CHARS))
+        };
+        if word("camera_model") != "pinhole" {
+            return Err(not("camera_model", "pinhole"));
         }
+        let lens = match word("distortion_model") {
+            "radtan" => camera,
+            "equidistant" => fisheye,
+            _ => return Err(not("distortion_model", "radtan or equidistant")),
+        };
         let [fx, fy, cx, cy] = numbers(c, "intrinsics")?;
         let d: [f64; 4] = numbers(c, "distortion_coeffs")?;
         let [w, h] = numbers(c, "resolution")?;
-        Ok((camera(&[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0], &d)?, (pixels(w)?, pixels(h)?)))
+        Ok((lens(&[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0], &d)?, (pixels(w)?, pixels(h)?)))
     };
     let (left, right) = (one("cam0")?, one("cam1")?);
     if left.1 != right.1 {
@@ -223,7 +240,12 @@ fn kalibr(document: &Value) -> Result<Cameras, String> {
 /// When a file cannot be written, or the format does not support the lens model.
 pub fn write(rig: &RigFile, format: Format, path: &Path) -> Result<Vec<PathBuf>, SourceError> {
     let fail = |reason: &str| SourceError::Calibration { path: path.to_owned(), reason: reason.into() };
-    let beyond = |from: usize| rig.cameras.iter().any(|c| c.distortion[from..].iter().any(|v| *v != 0.0));
+    let distortions = || rig.cameras.iter().map(|c| &c.distortion);
+    let fisheyes = distortions().filter(|d| matches!(d, Distortion::Equidistant(_))).count();
+    if fisheyes == 1 && format == Format::Opencv {
+        return Err(fail("OpenCV's pairs have lenses of one model, these are a fisheye and another lens"));
+    }
+    let beyond = |from: usize| distortions().any(|d| d.coefficients().iter().skip(from).any(|v| *v != 0.0));
     let text = match format {
         Format::Toml => {
             rig.write(path)?;
@@ -270,10 +292,22 @@ fn matrix(camera: &Camera) -> [f64; 9] {
     [camera.fx_px, 0.0, camera.cx_px, 0.0, camera.fy_px, camera.cy_px, 0.0, 0.0, 1.0]
 }
 
-/// Distortion coefficients, five or eight in OpenCV's order.
+/// Distortion coefficients: five or eight in OpenCV's order, or the four of a fisheye lens.
 fn coefficients(camera: &Camera) -> &[f64] {
-    let n = if camera.distortion[5..].iter().any(|v| *v != 0.0) { 8 } else { 5 };
-    &camera.distortion[..n]
+    match &camera.distortion {
+        Distortion::BrownConrady(k) if k[5..].iter().any(|v| *v != 0.0) => k,
+        Distortion::BrownConrady(k) => &k[..5],
+        Distortion::Equidistant(k) => k,
+    }
+}
+
+/// The name of the distortion model in ROS.
+fn model(camera: &Camera) -> &'static str {
+    match coefficients(camera).len() {
+        4 => "equidistant",
+        5 => "plumb_bob",
+        _ => "rational_polynomial",
+    }
 }
 
 fn projection(rig: &RigFile, side: usize) -> [f64; 12] {
@@ -286,6 +320,9 @@ fn to_opencv(rig: &RigFile) -> String {
     let mut text = "%YAML:1.0\n---\n".to_owned();
     let (w, h) = rig.size();
     let _ = writeln!(text, "image_size: [{w}, {h}]");
+    if model(&rig.cameras[0]) == "equidistant" {
+        let _ = writeln!(text, "distortion_model: equidistant");
+    }
     let mut put = |name: &str, rows: usize, values: &[f64]| {
         let _ = writeln!(
             text,
@@ -311,8 +348,7 @@ fn to_opencv(rig: &RigFile) -> String {
 fn to_ros(rig: &RigFile, side: usize) -> String {
     let camera = &rig.cameras[side];
     let (w, h) = rig.size();
-    let d = coefficients(camera);
-    let model = if d.len() > 5 { "rational_polynomial" } else { "plumb_bob" };
+    let (d, model) = (coefficients(camera), model(camera));
     let block = |name: &str, rows: usize, values: &[f64]| {
         format!(
             "{name}:\n  rows: {rows}\n  cols: {}\n  data: {}\n",
@@ -337,10 +373,11 @@ fn to_kalibr(rig: &RigFile) -> String {
         let k = [camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px];
         let _ = writeln!(
             text,
-            "cam{side}:\n  camera_model: pinhole\n  intrinsics: {}\n  distortion_model: radtan\n  \
+            "cam{side}:\n  camera_model: pinhole\n  intrinsics: {}\n  distortion_model: {}\n  \
              distortion_coeffs: {}\n  resolution: [{w}, {h}]\n  rostopic: /cam{side}/image_raw",
             list(k),
-            list(camera.distortion[..4].iter().copied())
+            if model(camera) == "equidistant" { "equidistant" } else { "radtan" },
+            list(camera.distortion.coefficients()[..4].iter().copied())
         );
     }
     let t = rig.between.translation_m;
@@ -380,16 +417,27 @@ mod tests {
     fn every_format_is_read_as_it_was_written() {
         let folder = tempfile::tempdir().unwrap();
         let rig = example();
-        for (format, name) in [
-            (Format::Opencv, "cv.yml"),
-            (Format::Ros, "left.yaml"),
-            (Format::Ros, "front.yaml"),
-            (Format::Kalibr, "camchain.yaml"),
-        ] {
-            let files = write(&rig, format, &folder.path().join(name)).unwrap();
-            assert_eq!(files.len(), if format == Format::Ros { 2 } else { 1 });
-            close(&import(&files, None, Crop::Valid).unwrap(), &rig, format);
+        let mut wide = example();
+        for (camera, k2) in wide.cameras.iter_mut().zip([-0.01, -0.02]) {
+            camera.distortion = Distortion::Equidistant([0.02, k2, 0.003, -0.0004]);
         }
+        for (rig, (format, name)) in [&rig, &wide].into_iter().flat_map(|rig| {
+            [rig; 4].into_iter().zip([
+                (Format::Opencv, "cv.yml"),
+                (Format::Ros, "left.yaml"),
+                (Format::Ros, "front.yaml"),
+                (Format::Kalibr, "camchain.yaml"),
+            ])
+        }) {
+            let files = write(rig, format, &folder.path().join(name)).unwrap();
+            assert_eq!(files.len(), if format == Format::Ros { 2 } else { 1 });
+            close(&import(&files, None, Crop::Valid).unwrap(), rig, format);
+        }
+        // One of each: each camera has its model, but for OpenCV.
+        wide.cameras[0] = rig.cameras[0];
+        assert!(write(&wide, Format::Opencv, &folder.path().join("cv.yml")).is_err());
+        let files = write(&wide, Format::Kalibr, &folder.path().join("camchain.yaml")).unwrap();
+        close(&import(&files, None, Crop::Valid).unwrap(), &wide, Format::Kalibr);
         let files = write(&rig, Format::Kitti, &folder.path().join("calib.txt")).unwrap();
         let back = import(&files, Some((640, 360)), Crop::Same).unwrap();
         let (a, b) = (back.rectification.rig, rig.rectification.rig);
@@ -416,7 +464,7 @@ mod tests {
         assert!(import(&paths, Some((320, 180)), Crop::Valid).is_err(), "two sizes");
         // A lens model that the format does not support.
         let mut rig = rig;
-        rig.cameras[1].distortion[4] = 0.1;
+        rig.cameras[1].distortion = Distortion::BrownConrady([0.1, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0]);
         assert!(write(&rig, Format::Kalibr, &folder.path().join("k.yaml")).is_err());
         let files = write(&rig, Format::Opencv, &folder.path().join("k3.yml")).unwrap();
         close(&import(&files, None, Crop::Valid).unwrap(), &rig, Format::Opencv);

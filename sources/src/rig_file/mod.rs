@@ -13,7 +13,7 @@ use crate::calibration_text;
 use crate::limits::MAX_SIDE_PX;
 use crate::{SourceError, toml_text};
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
-use perception::calibration::{Camera, Crop, Pose, Rectification};
+use perception::calibration::{Camera, Crop, Distortion, Pose, Rectification};
 use perception::excerpt::{VALUE_CHARS, excerpt};
 use perception::rig::Rig;
 use serde::{Deserialize, Serialize};
@@ -60,7 +60,8 @@ pub struct Quality {
     pub baseline_sigma_m: f64,
     /// Standard deviation of the disparity of distant objects, in pixels.
     pub disparity_sigma_px: f64,
-    /// Standard deviations of fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6 of the left camera.
+    /// Standard deviations of fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6 of the left camera; of a fisheye lens fx, fy, cx, cy,
+    /// k1, k2, k3, k4, and zeros.
     pub left_sigma: [f64; 12],
     /// The same of the right camera.
     pub right_sigma: [f64; 12],
@@ -95,10 +96,44 @@ struct CameraTable {
     fy_px: f64,
     cx_px: f64,
     cy_px: f64,
-    /// k1, k2, p1, p2, k3, k4, k5, k6.
-    distortion: [f64; 8],
+    /// Absent for the Brown–Conrady model.
+    #[serde(default, skip_serializing_if = "DistortionModel::is_brown_conrady")]
+    distortion_model: DistortionModel,
+    /// k1, k2, p1, p2, k3, k4, k5, k6; of the equidistant model k1, k2, k3, k4.
+    distortion: Vec<f64>,
     /// Rotation from the camera's to the rectified coordinates, row-major.
     rectifying_rotation: [[f64; 3]; 3],
+}
+
+#[derive(Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum DistortionModel {
+    #[default]
+    BrownConrady,
+    Equidistant,
+}
+
+impl DistortionModel {
+    fn is_brown_conrady(&self) -> bool {
+        *self == Self::BrownConrady
+    }
+
+    fn of(distortion: &Distortion) -> Self {
+        match distortion {
+            Distortion::BrownConrady(_) => Self::BrownConrady,
+            Distortion::Equidistant(_) => Self::Equidistant,
+        }
+    }
+
+    /// The distortion with these coefficients; `camera` is its name in the error.
+    fn with(self, coefficients: &[f64], camera: &str) -> Result<Distortion, String> {
+        let count = coefficients.len();
+        let wrong = |expected: usize| format!("{camera}.distortion has {count} numbers, not {expected}");
+        match self {
+            Self::BrownConrady => coefficients.try_into().map(Distortion::BrownConrady).map_err(|_| wrong(8)),
+            Self::Equidistant => coefficients.try_into().map(Distortion::Equidistant).map_err(|_| wrong(4)),
+        }
+    }
 }
 
 #[derive(Serialize, Deserialize)]
@@ -206,7 +241,8 @@ impl RigFile {
                 fy_px: c.fy_px,
                 cx_px: c.cx_px,
                 cy_px: c.cy_px,
-                distortion: c.distortion,
+                distortion_model: DistortionModel::of(&c.distortion),
+                distortion: c.distortion.coefficients().to_vec(),
                 rectifying_rotation: rows(&r.turns[side]),
             }
         };
@@ -281,7 +317,7 @@ impl RigFile {
                 fy_px: t.fy_px,
                 cx_px: t.cx_px,
                 cy_px: t.cy_px,
-                distortion: t.distortion,
+                distortion: t.distortion_model.with(&t.distortion, name)?,
             };
             check_camera(&c, name)?;
             Ok(c)
@@ -361,7 +397,7 @@ mod tests {
 
     pub fn example() -> RigFile {
         let left = Camera {
-            distortion: [0.1153, -0.2117, -0.00058, -0.00266, 0.0, 0.0, 0.0, 0.0],
+            distortion: Distortion::BrownConrady([0.1153, -0.2117, -0.00058, -0.00266, 0.0, 0.0, 0.0, 0.0]),
             ..Camera::pinhole(463.104, 462.77, 314.812, 187.324)
         };
         let right = Camera { cx_px: 326.946, cy_px: 179.417, ..left };
@@ -404,6 +440,14 @@ mod tests {
     }
 
     #[test]
+    fn fisheye_lenses_are_kept() {
+        let mut rig = example();
+        rig.cameras[1].distortion = Distortion::Equidistant([0.02, -0.01, 0.003, -0.0004]);
+        let back = RigFile::from_toml(&rig.to_toml().unwrap()).unwrap();
+        assert_eq!(back.cameras, rig.cameras);
+    }
+
+    #[test]
     fn changed_and_broken_files_are_refused() {
         let text = example().to_toml().unwrap();
         let error = RigFile::from_toml(&text.replace("463.104", "463.204")).unwrap_err();
@@ -419,6 +463,9 @@ mod tests {
             ("width = 640", "width = 64", "does not lie"),
             ("[left]", "[links]", "links"),
             ("rotation = [[", "rotation = [[9", "not a rotation"),
+            ("distortion = [", "distortion = [0.5, ", "left.distortion has 9 numbers, not 8"),
+            ("distortion = [", "distortion_model = \"equidistant\"\ndistortion = [", "has 8 numbers, not 4"),
+            ("distortion = [", "distortion_model = \"fov\"\ndistortion = [", "fov"),
         ] {
             let error = RigFile::from_toml(&open.replacen(from, to, 1)).unwrap_err();
             assert!(error.contains(expected), "{from}: {error}");

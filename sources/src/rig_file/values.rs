@@ -4,7 +4,7 @@ use super::rotation;
 use super::yaml::Value;
 use crate::limits::MAX_SIDE_PX;
 use nalgebra::Rotation3;
-use perception::calibration::{Camera, Pose};
+use perception::calibration::{Camera, Distortion, Pose};
 
 /// Left and right camera, the transform between them, and the size of their pictures.
 pub(super) type Cameras = ([Camera; 2], Pose, (usize, usize));
@@ -25,7 +25,17 @@ pub(super) fn camera(k: &[f64; 9], distortion: &[f64]) -> Result<Camera, String>
     for (a, d) in all.iter_mut().zip(distortion) {
         *a = *d;
     }
-    Ok(Camera { fx_px: k[0], fy_px: k[4], cx_px: k[2], cy_px: k[5], distortion: all })
+    let distortion = Distortion::BrownConrady(all);
+    Ok(Camera { fx_px: k[0], fy_px: k[4], cx_px: k[2], cy_px: k[5], distortion })
+}
+
+/// A fisheye camera: the equidistant model, with four coefficients.
+pub(super) fn fisheye(k: &[f64; 9], distortion: &[f64]) -> Result<Camera, String> {
+    let count = distortion.len();
+    let four = distortion.try_into();
+    let four = four.map_err(|_| format!("a fisheye lens has 4 distortion coefficients, not {count}"))?;
+    let distortion = Distortion::Equidistant(four);
+    Ok(Camera { fx_px: k[0], fy_px: k[4], cx_px: k[2], cy_px: k[5], distortion })
 }
 
 pub(super) fn turn(m: &[f64; 9], what: &str) -> Result<Rotation3<f64>, String> {

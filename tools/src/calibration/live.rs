@@ -6,10 +6,9 @@
 //! that the same positions can be captured again.
 
 use super::features;
-use nalgebra::Vector2;
 use perception::calibration::finder::{self, ordered_alike};
 use perception::calibration::stereo::ViewReport;
-use perception::calibration::{Board, Crop, Grade, Lens, Pair, Verdict, calibrate, judge};
+use perception::calibration::{Board, Crop, Grade, Lens, Pair, Places, Verdict, calibrate, judge};
 use perception::image::GreyView;
 
 /// Minimum number of pairs for a complete session: the verdict needs enough data.
@@ -57,7 +56,7 @@ pub struct Session {
     numbers: Vec<usize>,
     taken: usize,
     features: Vec<[f64; 5]>,
-    before: Option<[Vec<Vector2<f64>>; 2]>,
+    before: Option<[Places; 2]>,
     verdict: Option<Verdict>,
 }
 
@@ -153,11 +152,12 @@ impl Session {
     }
 }
 
-/// Whether the corners are unchanged in both images.
-fn rests(before: &[Vec<Vector2<f64>>; 2], now: &[Vec<Vector2<f64>>; 2]) -> bool {
+/// Whether the corners are unchanged in both images. Of a board that is seen in part, most of the same part must be seen again.
+fn rests(before: &[Places; 2], now: &[Places; 2]) -> bool {
     before.iter().zip(now).all(|(a, b)| {
-        let sum: f64 = a.iter().zip(b).map(|(p, q)| (p - q).norm_squared()).sum();
-        sum / a.len().max(1) as f64 <= REST_PX * REST_PX
+        let both = a.iter().zip(b).filter_map(|(p, q)| Some(((*p)? - (*q)?).norm_squared()));
+        let (sum, count) = both.fold((0.0, 0), |(sum, count), d| (sum + d, count + 1));
+        2 * count as usize > b.iter().flatten().count() && sum / f64::from(count.max(1)) <= REST_PX * REST_PX
     })
 }
 

@@ -1,8 +1,9 @@
-//! Calibrates a stereo pair from a folder of chessboard images and grades the result.
+//! Calibrates a stereo pair from a folder of images of a calibration board and grades the result.
 
 pub mod drive;
 pub mod live;
 mod pictures;
+pub mod print;
 pub mod report;
 
 pub use pictures::{PicturePair, Pictures, PicturesError};
@@ -10,7 +11,7 @@ pub use pictures::{PicturePair, Pictures, PicturesError};
 use nalgebra::Vector2;
 use perception::calibration::finder::{self, ordered_alike};
 use perception::calibration::{
-    Board, Crop, Grade, Lens, NoBoard, Pair, Reason, Sighting, StereoCalibration, Verdict, calibrate,
+    Board, Crop, Grade, Lens, NoBoard, Pair, Places, Reason, Sighting, StereoCalibration, Verdict, calibrate,
     calibrate_all, judge,
 };
 use perception::image::GreyView;
@@ -263,14 +264,15 @@ fn thin_out(outcome: &mut Outcome, size: (usize, usize)) {
     outcome.corners = kept.iter().map(|&i| outcome.corners[i].clone()).collect();
 }
 
-/// Position, size and slants of a board in an image, each about 0 to 1.
-fn features(corners: &[Vector2<f64>], (width, height): (usize, usize)) -> [f64; 5] {
-    let n = corners.len().max(1) as f64;
-    let mean = corners.iter().sum::<Vector2<f64>>() / n;
-    let spread = (corners.iter().map(|c| (c - mean).norm_squared()).sum::<f64>() / n).sqrt();
+/// Position, size and slants of a board, or of its visible part, in an image, each about 0 to 1.
+fn features(corners: &Places, (width, height): (usize, usize)) -> [f64; 5] {
+    let seen = || corners.iter().flatten();
+    let n = seen().count().max(1) as f64;
+    let mean = seen().sum::<Vector2<f64>>() / n;
+    let spread = (seen().map(|c| (c - mean).norm_squared()).sum::<f64>() / n).sqrt();
     // Perspective convergence: third moments relative to the spread.
     let skew = |axis: usize| {
-        corners.iter().map(|c| (c[axis] - mean[axis]).powi(3)).sum::<f64>() / n / spread.powi(3).max(1e-9)
+        seen().map(|c| (c[axis] - mean[axis]).powi(3)).sum::<f64>() / n / spread.powi(3).max(1e-9)
     };
     [mean.x / width as f64, mean.y / height as f64, 2.0 * spread / width as f64, 3.0 * skew(0), 3.0 * skew(1)]
 }

@@ -3,7 +3,8 @@
 use super::Outcome;
 use crate::reporting::picture::{Colour, Picture, PictureError};
 use crate::reporting::plot::{Series, bars};
-use perception::calibration::StereoCalibration;
+use nalgebra::Vector2;
+use perception::calibration::{Lens, StereoCalibration};
 use perception::image::GreyView;
 use perception::rectify::Remap;
 use sources::SourceError;
@@ -73,6 +74,12 @@ pub fn write(folder: &Path, outcome: &Outcome) -> Result<(), ReportError> {
         )?;
         save("views.png", "Reprojection error of each view", views(c))?;
         save("coverage.png", "Coverage of the images by corners, left and right", coverage(outcome, c))?;
+        save(
+            "projection.png",
+            "Uncertainty of projection: standard deviation in px, in the worst direction, of where a point at this distance \
+             appears; red from 0.5 px on",
+            projection(c),
+        )?;
     }
     let path = folder.join("index.html");
     std::fs::write(&path, page(outcome, &figures)).map_err(io(&path))
@@ -111,9 +118,10 @@ fn pair(outcome: &Outcome, c: &StereoCalibration) -> Result<Picture, ReportError
 /// Histograms of the row differences.
 fn epipolar(outcome: &Outcome, c: &StereoCalibration) -> Picture {
     let used = || c.views.iter().zip(&outcome.corners).filter(|(v, _)| v.fault.is_none());
-    let after: Vec<f64> = used().flat_map(|(v, _)| v.vertical_px.iter().copied()).collect();
-    let before: Vec<f64> =
-        used().flat_map(|(_, p)| p.left.iter().zip(&p.right).map(|(l, r)| l.y - r.y)).collect();
+    let after: Vec<f64> = used().flat_map(|(v, _)| v.vertical_px.iter().flatten().copied()).collect();
+    let before: Vec<f64> = used()
+        .flat_map(|(_, p)| p.left.iter().zip(&p.right).filter_map(|(l, r)| Some((*l)?.y - (*r)?.y)))
+        .collect();
     let mean = |v: &[f64]| v.iter().map(|x| x.abs()).sum::<f64>() / v.len().max(1) as f64;
     // Before rectification rows differ by more than the range: the outermost bins hold the rest.
     let histogram = |values: &[f64]| {
@@ -148,7 +156,7 @@ fn residuals(c: &StereoCalibration) -> Picture {
     }
     for view in c.views.iter().filter(|v| v.fault.is_none()) {
         for (side, colour) in [LEFT, RIGHT].into_iter().enumerate() {
-            for r in view.residuals_px[side].iter().filter(|r| r.norm() < 1.05) {
+            for r in view.residuals_px[side].iter().flatten().filter(|r| r.norm() < 1.05) {
                 let (x, y) = (middle + (scale * r.x) as i32, middle + (scale * r.y) as i32);
                 for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
                     if let (Ok(x), Ok(y)) = (usize::try_from(x + dx), usize::try_from(y + dy)) {
@@ -185,11 +193,52 @@ fn coverage(outcome: &Outcome, c: &StereoCalibration) -> Picture {
         }
         for (view, pair) in c.views.iter().zip(&outcome.corners) {
             let colour = if view.fault.is_some() { [200, 60, 60] } else { [LEFT, RIGHT][side] };
-            for p in [&pair.left, &pair.right][side] {
+            for p in [&pair.left, &pair.right][side].iter().flatten() {
                 picture.fill([from as i32 + p.x as i32 - 1, p.y as i32 - 1, 3, 3], colour);
             }
         }
         picture.text(&format!("{:.0} % of the cells", 100.0 * c.coverage[side]), from as i32 + 6, 6, INK);
+    }
+    picture
+}
+
+/// Cells of an uncertainty map, along a row and down a column.
+const MAP_CELLS: (usize, usize) = (10, 8);
+
+/// Uncertainty of projection from which a cell is red, in pixels.
+const MAP_RED_PX: f64 = 0.5;
+
+/// Maps of the uncertainty of projection: left camera above, right camera below; at the boards' distance, at 10 m, far away.
+fn projection(c: &StereoCalibration) -> Picture {
+    const CELL: (usize, usize) = (40, 26);
+    const GAP: usize = 26;
+    let (columns, rows) = MAP_CELLS;
+    let (wide, high) = (columns * CELL.0 + GAP, rows * CELL.1 + GAP);
+    let distances_m = [c.projection.board_distance_m(), 10.0, f64::INFINITY];
+    let mut picture = Picture::new(3 * wide, 2 * high, GROUND);
+    for (side, name) in ["left", "right"].into_iter().enumerate() {
+        for (k, distance_m) in distances_m.into_iter().enumerate() {
+            let (x0, y0) = ((k * wide) as i32, (side * high) as i32);
+            let place =
+                if distance_m.is_finite() { format!("{distance_m:.1} m") } else { "far away".to_owned() };
+            picture.text(&format!("{name}, {place}"), x0 + 2, y0 + 6, INK);
+            for i in 0..columns * rows {
+                let (column, row) = (i % columns, i / columns);
+                let at = |cell: usize, cells: usize, size: usize| {
+                    (cell as f64 + 0.5) / cells as f64 * size as f64 - 0.5
+                };
+                let (width, height) = c.rectification.size;
+                let pixel = Vector2::new(at(column, columns, width), at(row, rows, height));
+                let (x, y) = (x0 + (column * CELL.0) as i32, y0 + (GAP + row * CELL.1) as i32);
+                let Some(sigma_px) = c.projection.sigma_px(side, pixel, distance_m) else { continue };
+                let share = (sigma_px / MAP_RED_PX).min(1.0);
+                let colour =
+                    [(30.0 + 190.0 * share) as u8, (110.0 - 60.0 * share) as u8, (90.0 - 50.0 * share) as u8];
+                picture.fill([x, y, CELL.0 as i32 - 1, CELL.1 as i32 - 1], colour);
+                let digits = if sigma_px < 9.95 { 2 } else { 0 };
+                picture.text(&format!("{sigma_px:.digits$}"), x + 3, y + 8, INK);
+            }
+        }
     }
     picture
 }
@@ -261,7 +310,10 @@ fn numbers(html: &mut String, outcome: &Outcome, c: &StereoCalibration) {
         rig.focal_px * rig.baseline_m
     );
     html.push_str("<table><tr><th>parameter<th>left<th>±<th>right<th>±</tr>\n");
-    let names = ["fx px", "fy px", "cx px", "cy px", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"];
+    let names = match c.lens {
+        Lens::Fisheye => ["fx px", "fy px", "cx px", "cy px", "k1", "k2", "k3", "k4", "", "", "", ""],
+        _ => ["fx px", "fy px", "cx px", "cy px", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"],
+    };
     let (l, r) = (c.cameras[0].parameters(), c.cameras[1].parameters());
     for k in 0..c.lens.parameters() {
         let digits = if k < 4 { 2 } else { 5 };

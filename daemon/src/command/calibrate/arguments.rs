@@ -1,7 +1,9 @@
 //! The arguments of `lookout calibrate`.
 
+use crate::command::board::BoardArgs;
 use crate::command::config_args::ConfigArgs;
 use clap::{Args, ValueEnum};
+use perception::calibration::rectification::MAX_FIELD_OF_VIEW_DEG;
 use perception::calibration::{Crop, Lens};
 use std::path::PathBuf;
 
@@ -9,6 +11,9 @@ pub const HELP: &str = "Examples:
   lookout calibrate pictures --board 9x6 --square-mm 24.23 -o rig.toml
   lookout calibrate pictures --board 9x6 --square-mm 24.23 -o rig.toml --report report
   lookout calibrate pictures --board 8x5 --square-mm 30 -o rig.toml --lens radial3 --json
+  lookout calibrate pictures --pattern charuco --board 10x7 --square-mm 24 --marker-mm 18 \
+      --dictionary 5x5_100 --lens fisheye -o rig.toml
+  lookout calibrate pictures --pattern aprilgrid --board 6x6 --square-mm 88 --tag-spacing 0.3 -o rig.toml
   lookout calibrate --live --board 9x6 --square-mm 24.23 -o rig.toml        from the running daemon
   lookout calibrate --live camera -c car.toml --board 9x6 --square-mm 24.23 -o rig.toml
   lookout calibrate --from-drive RECORDING --rig rig.toml -o rig-now.toml
@@ -17,7 +22,8 @@ DIR contains two folders, left and right, with pictures of the same names (PNG, 
 PGM, PPM), or files such as left1.png and right1.png. --board counts inner corners, where four squares meet: a
 board of 10 x 7 squares has 9x6. Take 10 to 30 pairs with the whole board in both pictures: near and
 far, in the middle, at edges and in corners, tilted by 20 to 45 degrees to all sides. Hold the board
-still, or put it on a support.
+still, or put it on a support. Of a ChArUco board or an AprilGrid a part in each picture is enough.
+lookout board makes boards to print.
 
 --live selects pairs automatically: it keeps a pair when the board is at rest in a new position,
 reports which views are still missing, and ends when the calibration would be graded good (or with
@@ -56,12 +62,8 @@ pub struct Calibrate {
     pub limit: Option<u64>,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// Number of inner corners of the board
-    #[arg(long, value_name = "COLSxROWS", value_parser = pair, required_unless_present = "from_drive")]
-    pub board: Option<(usize, usize)>,
-    /// Measured side length of a square, in mm
-    #[arg(long, value_name = "S", value_parser = millimetres, required_unless_present = "from_drive")]
-    pub square_mm: Option<f64>,
+    #[command(flatten)]
+    pub board: Option<BoardArgs>,
     /// Output: rig file
     #[arg(short, long, value_name = "RIG.toml")]
     pub out: PathBuf,
@@ -69,13 +71,11 @@ pub struct Calibrate {
     #[arg(long, value_name = "DIR")]
     pub report: Option<PathBuf>,
     /// Distortion model: radial2 has k1 k2 p1 p2; radial3 adds k3; rational adds k3 to k6 (wide angle,
-    /// needs many views)
+    /// needs many views); fisheye has k1 to k4 of the equidistant model (up to about 160 degrees)
     #[arg(long, value_enum, default_value_t = LensChoice::Radial2)]
     pub lens: LensChoice,
-    /// Field of view of the rectified images: valid shows only what both cameras see, full shows every
-    /// pixel, same keeps the scale
-    #[arg(long, value_enum, default_value_t = CropChoice::Valid)]
-    pub crop: CropChoice,
+    #[command(flatten)]
+    pub crop: CropArgs,
     /// Also solve with all pairs, without rejecting inconsistent ones, and cross-validate: calibrate on
     /// one half of the views, evaluate on the other
     #[arg(long)]
@@ -93,6 +93,7 @@ pub enum LensChoice {
     Radial2,
     Radial3,
     Rational,
+    Fisheye,
 }
 
 impl From<LensChoice> for Lens {
@@ -101,7 +102,34 @@ impl From<LensChoice> for Lens {
             LensChoice::Radial2 => Self::Radial2,
             LensChoice::Radial3 => Self::Radial3,
             LensChoice::Rational => Self::Rational,
+            LensChoice::Fisheye => Self::Fisheye,
         }
+    }
+}
+
+/// What rectified images show.
+#[derive(Args, Clone, Copy, Debug)]
+pub struct CropArgs {
+    /// Field of view of the rectified images: valid shows only what both cameras see (100 degrees at
+    /// most), full shows every pixel, same keeps the scale
+    #[arg(long, value_enum, default_value_t = CropChoice::Valid)]
+    pub crop: CropChoice,
+    /// Horizontal field of view of the rectified images, in degrees, in place of --crop: for wide-angle
+    /// lenses
+    #[arg(long, value_name = "DEGREES", value_parser = degrees, conflicts_with = "crop")]
+    pub fov: Option<f64>,
+}
+
+impl From<CropArgs> for Crop {
+    fn from(args: CropArgs) -> Self {
+        args.fov.map_or(args.crop.into(), Self::FieldOfView)
+    }
+}
+
+fn degrees(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (10.0..=MAX_FIELD_OF_VIEW_DEG).contains(&value) => Ok(value),
+        _ => Err(format!("give the horizontal field of view in degrees, 10 to {MAX_FIELD_OF_VIEW_DEG}")),
     }
 }
 
@@ -129,11 +157,4 @@ impl From<CropChoice> for Crop {
 pub fn pair(text: &str) -> Result<(usize, usize), String> {
     let both = text.split_once(['x', 'X']).and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
     both.ok_or_else(|| "give two whole numbers, for example 9x6".into())
-}
-
-fn millimetres(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if (0.5..=2000.0).contains(&value) => Ok(value),
-        _ => Err("give the measured side of a square in mm, 0.5 to 2000".into()),
-    }
 }

@@ -4,13 +4,13 @@ mod arguments;
 mod drive;
 mod live;
 
-pub use arguments::{Calibrate, CropChoice, HELP, pair};
+pub use arguments::{Calibrate, CropArgs, HELP, pair};
 
 use crate::command::console::say;
 use crate::command::error::CommandError;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use perception::calibration::stereo::ViewReport;
-use perception::calibration::{Board, Grade};
+use perception::calibration::{Grade, StereoCalibration};
 use serde::Serialize;
 use std::io::IsTerminal;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -34,6 +34,7 @@ struct Figures {
     baseline_sigma_m: Option<f64>,
     focal_px: Option<f64>,
     disparity_sigma_px: Option<f64>,
+    projection_sigma_px: Option<[ProjectionSigma; 2]>,
     coverage_left: Option<f64>,
     coverage_right: Option<f64>,
     board_bend_m: Option<f64>,
@@ -44,6 +45,22 @@ struct Figures {
     seconds: f64,
     cpu_seconds: f64,
     rig: Option<String>,
+}
+
+/// Uncertainty of where a camera, left or right, sees points far away, in pixels: worst direction.
+#[derive(Clone, Copy, Serialize)]
+struct ProjectionSigma {
+    /// In the middle of the image.
+    middle: f64,
+    /// The largest of positions a tenth of the image away from its borders.
+    largest: f64,
+}
+
+impl ProjectionSigma {
+    fn of(c: &StereoCalibration, side: usize) -> Option<Self> {
+        let (middle, largest) = c.projection.far_sigma_px(side, c.rectification.size)?;
+        Some(Self { middle, largest })
+    }
 }
 
 /// Result with all views, none rejected (`--cross-validate`).
@@ -89,6 +106,8 @@ impl Figures {
             baseline_sigma_m: c.map(|c| c.uncertainty.baseline_m),
             focal_px: c.map(|c| c.rectification.rig.focal_px),
             disparity_sigma_px: c.map(|c| c.uncertainty.disparity_px),
+            projection_sigma_px: c
+                .and_then(|c| Some([ProjectionSigma::of(c, 0)?, ProjectionSigma::of(c, 1)?])),
             coverage_left: c.map(|c| c.coverage[0]),
             coverage_right: c.map(|c| c.coverage[1]),
             board_bend_m: c.map(|c| c.shape.bend_m.iter().map(|b| b.abs()).fold(0.0, f64::max)),
@@ -106,9 +125,9 @@ pub fn run(args: &Calibrate, log: Option<&str>) -> Result<(), CommandError> {
     if let Some(recording) = &args.from_drive {
         return drive::run(args, recording, log);
     }
-    let ((columns, rows), square_mm) = (args.board.unwrap_or_default(), args.square_mm.unwrap_or_default());
-    let board = Board::new(columns, rows, square_mm * 1e-3)
-        .map_err(|error| CommandError::Other(format!("--board, --square-mm: {error}")))?;
+    let described = args.board.as_ref();
+    let none = "describe the board: --board COLSxROWS and --square-mm S; see lookout calibrate --help";
+    let board = described.ok_or_else(|| CommandError::Other(none.into()))?.board()?;
     let folder = match &args.dir {
         Some(folder) if !args.live => folder.clone(),
         _ => live::collect(args, board, log)?,
@@ -188,6 +207,12 @@ fn print(args: &Calibrate, outcome: &Outcome, figures: &Figures) -> Result<(), C
             rig.focal_px * rig.baseline_m,
             c.uncertainty.disparity_px
         ))?;
+        if let Some([left, right]) = figures.projection_sigma_px {
+            say(format_args!(
+                "uncertainty of where far points appear: left {:.2} px in the middle, {:.2} px towards the borders; right {:.2}, {:.2} px",
+                left.middle, left.largest, right.middle, right.largest
+            ))?;
+        }
     }
     let picture = match (figures.picture_ms_median, figures.picture_ms_most) {
         (Some(median), Some(most)) => format!(" ({median:.0} ms per picture, at most {most:.0} ms)"),

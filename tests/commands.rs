@@ -88,6 +88,8 @@ fn one_pair_gives_disparity_and_obstacles() {
         "d.png",
         "--color",
         "c.png",
+        "--probability",
+        "p.png",
         "--repeat",
         "3",
         "--json",
@@ -108,6 +110,10 @@ fn one_pair_gives_disparity_and_obstacles() {
     }
     assert_eq!((&figures["width"], &figures["disparities"]), (&320.into(), &32.into()));
     let map = image::open(bench.path("d.png")).unwrap().into_luma16();
+    // Unknown where the disparity is.
+    let probability = image::open(bench.path("p.png")).unwrap().into_luma8();
+    assert!(map.pixels().zip(probability.pixels()).all(|(d, p)| (d[0] == 0) == (p[0] == 0)));
+    assert!(probability.pixels().any(|p| p[0] > 240));
     // The licence plate of the car ahead is 16 m away: 440 px × 0.12 m ÷ 16 m = 3.3 px.
     let middle = f32::from(map.get_pixel(160, 126)[0]) / 256.0;
     assert!((middle - 3.3).abs() < 0.4, "{middle}");

@@ -132,13 +132,20 @@ fn scores_equal_the_reference_implementation_and_saved_maps_reproduce_them() {
     assert_eq!(roc["bad3_percent"].as_array().unwrap().len(), 20);
     assert!(roc["best_area_percent"].as_f64() <= roc["area_percent"].as_f64());
     assert!(roc["area_percent"].as_f64() < roc["random_area_percent"].as_f64(), "{roc}");
+    let reliability = &report["reliability"];
+    for bound in ["within_1px", "within_3px"] {
+        let bins = reliability[bound]["bins"].as_array().unwrap();
+        let pixels: u64 = bins.iter().map(|bin| bin["pixels"].as_u64().unwrap()).sum();
+        assert_eq!(pixels, roc["pixels"].as_u64().unwrap(), "{reliability}");
+        assert!(reliability[bound]["error"].as_f64() < Some(0.3), "{reliability}");
+    }
     assert_eq!(report["subpixel"]["estimate_percent"].as_array().unwrap().len(), 16);
 
     for part in ["errors", "colour"] {
         let picture = image::open(bench.path("out/set").join(part).join("000002_10.png")).unwrap();
         assert_eq!((picture.width(), picture.color()), (160, image::ColorType::Rgb8));
     }
-    for plot in ["subpixel.png", "roc.png"] {
+    for plot in ["subpixel.png", "roc.png", "reliability.png"] {
         assert!(image::open(bench.path("out").join(plot)).is_ok(), "{plot}");
     }
     assert_eq!(json(&bench.path("out/evaluation.json")), report);

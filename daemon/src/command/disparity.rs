@@ -10,6 +10,7 @@ use crate::stages::stereo::matcher::{Backend, Method};
 use clap::Args;
 use perception::image::GreyView;
 use perception::stereo::device::STAGES;
+use perception::stereo::reliability::{Reliability, scores};
 use perception::stereo::{DisparityView, MatchOutput, Matcher};
 use serde::Serialize;
 use sources::check_two_files;
@@ -18,13 +19,13 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::path::PathBuf;
 use std::time::Instant;
-use tools::reporting::picture::check_ending;
+use tools::reporting::picture::{check_ending, save_grey};
 
 /// Text below the options of `--help`.
 pub const HELP: &str = "Examples:
   lookout disparity left.png right.png -o disparity.png
   lookout disparity left.png right.png -o d.png --max-disparity 64 --color d-color.png
-  lookout disparity left.png right.png -o d.png --method full
+  lookout disparity left.png right.png -o d.png --method full --probability p.png
   lookout disparity left.png right.png -o d.png --budget-ms 5
   lookout disparity left.png right.png -o d.png --repeat 10 --json";
 
@@ -58,6 +59,10 @@ pub struct Disparity {
     /// Also write the map in colour
     #[arg(long, value_name = "FILE")]
     pub color: Option<PathBuf>,
+    /// Also write how likely each disparity is right: 8-bit PNG, probability of an error of at most 3 px
+    /// x 255, 0 = unknown
+    #[arg(long, value_name = "FILE.png")]
+    pub probability: Option<PathBuf>,
     /// Print density, times and memory as JSON
     #[arg(long)]
     pub json: bool,
@@ -201,7 +206,9 @@ pub fn median(times: &mut [f64]) -> f64 {
 pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "disparity", None)?;
     check_ending(&args.out, true)?;
-    args.color.as_deref().map(|path| check_ending(path, false)).transpose()?;
+    for path in args.color.iter().chain(&args.probability) {
+        check_ending(path, false)?;
+    }
     let disparities =
         args.max_disparity.map_or(usize::try_from(config.stereo.disparities).unwrap_or(0), usize::from);
     let (left, right, width, height) = read_pair_as(&args.left, &args.right, interpretation(&config))?;
@@ -239,6 +246,14 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     tools::reporting::picture::save_disparity(&args.out, &disparity, width, height)?;
     if let Some(path) = &args.color {
         tools::reporting::colour::disparity(&disparity, width, height, disparities as f32).save(path)?;
+    }
+    if let Some(path) = &args.probability {
+        let within = |&score: &u8| match score {
+            0 => 0,
+            score => (255.0 * Reliability::of(score).within_3px).round() as u8,
+        };
+        let levels: Vec<u8> = scores(&confidence, width).iter().map(within).collect();
+        save_grey(path, &levels, width, height)?;
     }
     let view = DisparityView::new(&disparity, width, height)
         .ok_or_else(|| CommandError::Other("the disparity map and the image differ in size".into()))?;

@@ -66,6 +66,7 @@ mod matcher;
 pub mod median;
 pub mod mpv;
 pub mod pyramid;
+pub mod reliability;
 pub mod scale;
 pub mod solver;
 pub mod speckle;

@@ -18,6 +18,7 @@ pub mod lidar;
 pub mod ncap;
 pub mod odometry;
 pub mod odometry_report;
+pub mod reliability;
 pub mod report;
 pub mod roc;
 pub mod running_time;

@@ -1,5 +1,6 @@
 //! Result of a stereo evaluation, as text table and JSON document.
 
+use super::reliability::ReliabilityReport;
 use super::roc::Roc;
 use super::score::{COLUMNS, Scores, mean};
 use super::subpixel::Subpixel;
@@ -91,6 +92,8 @@ pub struct StereoReport {
     /// Confidence ranking over the pixels of all sets (`noc` where a set has it, else `all`); `None` for given
     /// maps.
     pub roc: Option<Roc>,
+    /// The same by score, and how far stated probabilities are off, over the same pixels.
+    pub reliability: Option<ReliabilityReport>,
     /// Pixel-locking bias over the same pixels of the images with sub-pixel ground truth.
     pub subpixel: Option<Subpixel>,
 }
@@ -151,6 +154,9 @@ impl fmt::Display for StereoReport {
         }
         if let Some(roc) = &self.roc {
             writeln!(f, "{roc}")?;
+        }
+        if let Some(reliability) = &self.reliability {
+            writeln!(f, "{reliability}")?;
         }
         write!(f, "method: {}", self.method)?;
         if let Some(disparities) = self.disparities {

@@ -20,6 +20,7 @@ use tools::evaluation::disturb::Disturbance;
 use tools::evaluation::error_picture::{self, ErrorInput};
 use tools::evaluation::files::{KITTI_FOLDERS, KittiPair, prepare, write_report};
 use tools::evaluation::fill::interpolate_background;
+use tools::evaluation::reliability::ReliabilityCounts;
 use tools::evaluation::report::{Row, SetReport, StereoReport};
 use tools::evaluation::roc::Sparsification;
 use tools::evaluation::score::score;
@@ -207,6 +208,7 @@ pub fn run(args: &EvaluateStereo, log: Option<&str>) -> Result<(), CommandError>
         workspace_bytes: estimator.workspace_bytes(),
         sets: reports,
         roc: statistics.roc.curve(),
+        reliability: statistics.reliability.report(),
         subpixel: statistics.subpixel.shares(),
     };
     if let Some(out) = &args.out {
@@ -221,6 +223,7 @@ struct Statistics {
     is_strict: bool,
     unreadable: LeftOut,
     roc: Sparsification,
+    reliability: ReliabilityCounts,
     subpixel: SubpixelHistogram,
 }
 
@@ -263,6 +266,7 @@ fn evaluate_pair(
     statistics.subpixel.add(&truth.disparity_px, truth.visible(), &px);
     if let Some(confidence) = &estimate.confidence {
         statistics.roc.add(&truth.disparity_px, truth.visible(), &px, confidence);
+        statistics.reliability.add(&truth.disparity_px, truth.visible(), &px, confidence, images.width);
     }
     if let Some(out) = &args.out {
         let max_px = f32::from(args.max_disparity);
@@ -278,6 +282,9 @@ fn write_results(out: &Path, report: &StereoReport) -> Result<(), CommandError> 
     }
     if let Some(curve) = &report.roc {
         curve.plot().save(&out.join("roc.png"))?;
+    }
+    if let Some(reliability) = &report.reliability {
+        reliability.plot().save(&out.join("reliability.png"))?;
     }
     Ok(write_report(out, report)?)
 }

@@ -431,3 +431,35 @@ fn regions_are_scored_against_lidar_depth_and_labels() {
     let text = bench.fails(&["evaluate", "lidar", "pairs/left"]);
     assert!(text.contains("no LiDAR depth here: expected folders left"), "{text}");
 }
+
+/// Pairs with exact ground truth: disparities have next to no bias on them, upright or slanted; maps that are half a pixel off have.
+#[test]
+fn pairs_of_a_scene_show_the_bias_of_disparities() {
+    let bench = Bench::new();
+    bench.ok(&["scene", "street", "--pairs", "exact", "--count", "2", "--every", "20"]);
+    for part in ["image_2", "image_3", "disp_occ_0", "disp_noc_0"] {
+        assert_eq!(std::fs::read_dir(bench.path("exact").join(part)).unwrap().count(), 2, "{part}");
+    }
+    let report = document(&bench, &["exact", "--out", "maps"]);
+    let ranges = |report: &Value| report["by_range"].as_array().unwrap().clone();
+    let own = ranges(&report);
+    for surface in ["upright", "slanted"] {
+        assert!(own.iter().filter(|range| range["surface"] == surface).count() >= 2, "{own:?}");
+    }
+    for range in own.iter().filter(|range| range["pixels"].as_u64() > Some(10_000)) {
+        assert!(range["bias_px"].as_f64().unwrap().abs() < 0.1, "{range}");
+        assert!(range["spread_px"].as_f64() < Some(0.5), "{range}");
+    }
+    for entry in std::fs::read_dir(bench.path("maps/exact/disparity")).unwrap() {
+        let path = entry.unwrap().path();
+        let mut map = image::open(&path).unwrap().into_luma16();
+        map.pixels_mut().filter(|d| d[0] > 0).for_each(|d| d[0] += 128);
+        map.save(&path).unwrap();
+    }
+    let shifted = ranges(&document(&bench, &["exact", "--maps", "maps"]));
+    for (range, own) in shifted.iter().zip(&own).filter(|(_, own)| own["pixels"].as_u64() > Some(10_000)) {
+        let by = range["bias_px"].as_f64().unwrap() - own["bias_px"].as_f64().unwrap();
+        assert!((by - 0.5).abs() < 0.05, "{range}, {own}");
+    }
+    bench.assert_clean();
+}

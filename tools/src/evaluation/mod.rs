@@ -2,6 +2,7 @@
 //! bias, confidence ranking, disturbances), and of the whole pipeline on synthetic scenes and LiDAR data.
 
 pub mod approach;
+pub mod bias;
 pub mod box_score;
 pub mod classes;
 pub mod compare;

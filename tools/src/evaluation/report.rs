@@ -1,5 +1,6 @@
 //! Result of a stereo evaluation, as text table and JSON document.
 
+use super::bias::RangeErrors;
 use super::reliability::ReliabilityReport;
 use super::roc::Roc;
 use super::score::{COLUMNS, Scores, mean};
@@ -94,6 +95,8 @@ pub struct StereoReport {
     pub roc: Option<Roc>,
     /// The same by score, and how far stated probabilities are off, over the same pixels.
     pub reliability: Option<ReliabilityReport>,
+    /// Bias and spread by range and kind of surface, over the same pixels.
+    pub by_range: Vec<RangeErrors>,
     /// Pixel-locking bias over the same pixels of the images with sub-pixel ground truth.
     pub subpixel: Option<Subpixel>,
 }
@@ -151,6 +154,9 @@ impl fmt::Display for StereoReport {
                 f,
                 "sub-pixel: pixel-locking bias not available: no estimate within 1 px of ground truth with sub-pixel values"
             )?,
+        }
+        for range in &self.by_range {
+            writeln!(f, "{range}")?;
         }
         if let Some(roc) = &self.roc {
             writeln!(f, "{roc}")?;

@@ -16,6 +16,7 @@ use perception::stereo::{MatchOutput, Matcher};
 use sources::truth::{Region, Truth, TruthError, TruthPair, find, map_file};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use tools::evaluation::bias::ErrorsByRange;
 use tools::evaluation::disturb::Disturbance;
 use tools::evaluation::error_picture::{self, ErrorInput};
 use tools::evaluation::files::{KITTI_FOLDERS, KittiPair, prepare, write_report};
@@ -44,11 +45,12 @@ the right image. In percent: dens, pixels with an estimate; bad1, bad2, bad3, er
 px; D1, above 3 px and 5 % of the truth. These and epe, the mean error in px, are computed after
 background fill (holes take the background of their row, as in the KITTI devkit); hole3 is bad3
 with holes counted as errors, val3 is bad3 without holes. ms is processor time. mean is the mean
-over the images.
+over the images. bias is the median of estimate less truth, spread the robust standard deviation.
+lookout scene NAME --pairs DIR writes pairs with exact ground truth.
 
 --out writes SET/errors/PAIR.png (blue is correct, yellow to red is wrong by the rule of D1,
 occluded pixels darker), SET/disparity/PAIR.png (16 bit, disparity x 256), SET/colour/PAIR.png,
-subpixel.png, roc.png and evaluation.json. --save-pairs writes image_2, image_3, disp_noc_0 and
+subpixel.png, roc.png, reliability.png and evaluation.json. --save-pairs writes image_2, image_3, disp_noc_0 and
 disp_occ_0; for several sets, into a folder for each.";
 
 #[derive(Args, Debug)]
@@ -209,6 +211,7 @@ pub fn run(args: &EvaluateStereo, log: Option<&str>) -> Result<(), CommandError>
         sets: reports,
         roc: statistics.roc.curve(),
         reliability: statistics.reliability.report(),
+        by_range: statistics.by_range.ranges(),
         subpixel: statistics.subpixel.shares(),
     };
     if let Some(out) = &args.out {
@@ -224,6 +227,7 @@ struct Statistics {
     unreadable: LeftOut,
     roc: Sparsification,
     reliability: ReliabilityCounts,
+    by_range: ErrorsByRange,
     subpixel: SubpixelHistogram,
 }
 
@@ -264,6 +268,7 @@ fn evaluate_pair(
     });
     let rows = rows.collect();
     statistics.subpixel.add(&truth.disparity_px, truth.visible(), &px);
+    statistics.by_range.add(&truth.disparity_px, truth.visible(), &px, images.width);
     if let Some(confidence) = &estimate.confidence {
         statistics.roc.add(&truth.disparity_px, truth.visible(), &px, confidence);
         statistics.reliability.add(&truth.disparity_px, truth.visible(), &px, confidence, images.width);

@@ -9,20 +9,16 @@ use sources::rig_file::{Format, RigFile, export, import};
 
 /// A rig as `lookout calibrate` makes one, each time another.
 fn some_rig(random: &mut Rng) -> RigFile {
+    let is_fisheye = random.bool();
     let mut near = |value: f64| value * (0.95 + 0.1 * random.f64());
-    let left = Camera {
-        distortion: Distortion::BrownConrady([
-            near(0.1153),
-            near(-0.2117),
-            near(-0.00058),
-            near(-0.00266),
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-        ]),
-        ..Camera::pinhole(near(463.104), near(462.77), near(314.812), near(187.324))
+    let distortion = if is_fisheye {
+        Distortion::Equidistant([near(-0.02), near(0.01), near(-0.006), near(0.001)])
+    } else {
+        let k = [near(0.1153), near(-0.2117), near(-0.00058), near(-0.00266)];
+        Distortion::BrownConrady([k[0], k[1], k[2], k[3], 0.0, 0.0, 0.0, 0.0])
     };
+    let left =
+        Camera { distortion, ..Camera::pinhole(near(463.104), near(462.77), near(314.812), near(187.324)) };
     let right = Camera { cx_px: near(326.946), cy_px: near(179.417), ..left };
     let rotation = Rotation3::new(Vector3::new(near(0.00741), near(0.02216), near(0.00964)));
     let between = Pose { rotation, translation_m: Vector3::new(near(-0.094), near(-0.00092), near(0.0025)) };

@@ -219,6 +219,32 @@ mod tests {
     }
 
     #[test]
+    fn a_board_with_markers_is_kept_where_only_a_part_of_it_is_seen() {
+        let camera = Camera::pinhole(270.0, 270.0, 160.0, 120.0);
+        let board = Board::charuco((7, 5), 0.03, 0.023, "4x4_50".parse().unwrap(), false).unwrap();
+        let studio = BoardRenderer::new(&camera, SIZE, board);
+        let mut session = Session::new(board, Lens::Radial2, Crop::Valid, SIZE, true);
+        let cut = Pose {
+            rotation: Rotation3::new(Vector3::new(0.2, -0.3, 0.1)),
+            translation_m: Vector3::new(0.17, 0.05, 0.34),
+        };
+        let left = studio.picture(&cut, &Conditions::default(), 1);
+        let mut beside = cut;
+        beside.translation_m.x -= 0.08;
+        let right = studio.picture(&beside, &Conditions::default(), 2);
+        let seen = finder::find(left.view(), &board).unwrap().corners;
+        assert!(seen.iter().any(Option::is_none), "the board is not cut off");
+        assert_eq!(session.offer(left.view(), right.view()), Step::Moving);
+        assert!(matches!(session.offer(left.view(), right.view()), Step::Kept { verdict: None, .. }));
+        assert_eq!(session.offer(left.view(), right.view()), Step::Known);
+        // Another part of the board is not the board at rest.
+        let mut other = cut;
+        other.translation_m.x = -0.17;
+        let away = studio.picture(&other, &Conditions::default(), 3);
+        assert_eq!(session.offer(away.view(), right.view()), Step::Moving);
+    }
+
+    #[test]
     fn a_folder_needs_no_rest() {
         let board = Board::new(9, 6, 0.025).unwrap();
         let mut session = Session::new(board, Lens::Radial2, Crop::Valid, SIZE, false);

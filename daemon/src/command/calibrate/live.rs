@@ -57,8 +57,8 @@ pub fn collect(args: &Calibrate, board: Board, log: Option<&str>) -> Result<Path
     }
     if kept == 0 {
         return Err(CommandError::Other(
-            "no pair was selected: the board was never detected at rest in both pictures; check --board, the \
-             light, and that both cameras see the whole board"
+            "no pair was selected: the board was never detected at rest in both pictures; check --pattern, \
+             --board, the light, and that both cameras see the board, a chessboard whole"
                 .into(),
         ));
     }

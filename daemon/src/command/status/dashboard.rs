@@ -67,18 +67,18 @@ impl Dashboard {
         }
     }
 
-    /// Shows a status.
+    /// Shows a status, and the line of what sends it on a CAN bus.
     ///
     /// # Errors
     /// If standard output cannot be written.
-    pub fn show(&mut self, status: &StatusRecord) -> Result<(), CommandError> {
+    pub fn show(&mut self, status: &StatusRecord, can_out: Option<&str>) -> Result<(), CommandError> {
         self.take(status);
         if !self.is_screen {
             return crate::command::console::say(self.line(status));
         }
         let (columns, rows) = size();
         let mut text = String::from("\x1b[?2026h\x1b[H");
-        for (tone, line) in self.lines(status, columns).into_iter().take(rows.saturating_sub(1)) {
+        for (tone, line) in self.lines(status, can_out, columns).into_iter().take(rows.saturating_sub(1)) {
             let cut: String = line.chars().take(columns).collect();
             text += &self.coloured(tone, &cut);
             text += "\x1b[K\r\n";
@@ -135,7 +135,7 @@ impl Dashboard {
     }
 
     /// The screen, line by line.
-    fn lines(&self, status: &StatusRecord, columns: usize) -> Vec<(Tone, String)> {
+    fn lines(&self, status: &StatusRecord, can_out: Option<&str>, columns: usize) -> Vec<(Tone, String)> {
         let reason = Printable(status.reason()).to_string();
         let because = if reason.is_empty() { String::new() } else { format!(": {reason}") };
         let state = match status.state {
@@ -177,6 +177,9 @@ impl Dashboard {
                 let tone = if state == CalibrationState::Degraded { Tone::Bad } else { Tone::Plain };
                 lines.push((tone, format!("calibration {}", status.calibration)));
             }
+        }
+        if let Some(line) = can_out {
+            lines.push((Tone::Plain, line.to_owned()));
         }
         lines.push((Tone::Plain, String::new()));
         // Room for name and value beside the curve.
@@ -309,7 +312,7 @@ mod tests {
         let mut dashboard = Dashboard::new("front", false, true);
         dashboard.take(&status(5));
         dashboard.take(&status(8));
-        let lines = dashboard.lines(&status(8), 80);
+        let lines = dashboard.lines(&status(8), Some("CAN out: can0 active"), 80);
         let line =
             |word: &str| lines.iter().find(|(_, l)| l.contains(word)).unwrap_or_else(|| panic!("{word}"));
         assert_eq!(line("degraded: the road stage failed").0, Tone::Bad);
@@ -317,6 +320,7 @@ mod tests {
         assert_eq!(line("own motion unknown: straight path").0, Tone::Warn);
         assert_eq!((line("waiting").0, line("recognition").0), (Tone::Bad, Tone::Plain));
         assert!(line("waiting").1.contains("████······"), "{lines:?}");
+        assert_eq!(line("CAN out").0, Tone::Plain);
         // Two stages dropped three each.
         assert!(line("dropped ").1.trim_end().ends_with("6.0"), "{lines:?}");
         assert_eq!(dashboard.coloured(Tone::Bad, "x"), "\x1b[31mx\x1b[0m");

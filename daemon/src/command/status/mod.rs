@@ -87,7 +87,10 @@ pub fn run(args: &Status, log: Option<&str>) -> Result<(), CommandError> {
             let Ok(status) = status::view(sample.header(), sample.payload()) else { continue };
             last_status = Instant::now();
             match (&mut dashboard, args.json, args.watch) {
-                (Some(dashboard), ..) => dashboard.show(&status)?,
+                (Some(dashboard), ..) => {
+                    let can_out = state_file::read(&instance).map(|state| state.line());
+                    dashboard.show(&status, can_out.as_deref())?;
+                }
                 (None, true, true) => say(serde_json::to_string(&Shown::new(&status, &instance))?)?,
                 (None, true, false) => say(serde_json::to_string_pretty(&Shown::new(&status, &instance))?)?,
                 (None, false, _) => {

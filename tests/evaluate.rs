@@ -437,6 +437,8 @@ fn regions_are_scored_against_lidar_depth_and_labels() {
 fn pairs_of_a_scene_show_the_bias_of_disparities() {
     let bench = Bench::new();
     bench.ok(&["scene", "street", "--pairs", "exact", "--count", "2", "--every", "20"]);
+    let error = bench.fails(&["scene", "bend-parked", "--pairs", "none", "--count", "5000"]);
+    assert!(error.contains("bend-parked: has ") && error.contains("--count "), "{error}");
     for part in ["image_2", "image_3", "disp_occ_0", "disp_noc_0"] {
         assert_eq!(std::fs::read_dir(bench.path("exact").join(part)).unwrap().count(), 2, "{part}");
     }

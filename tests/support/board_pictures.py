@@ -2,16 +2,20 @@
 
     board_pictures.py draw PATTERN LENS COUNT FOLDER
     board_pictures.py rectify CV.yml
+    board_pictures.py detect PATTERN BOARD.svg
 
-`draw` writes COUNT pairs to FOLDER/left and FOLDER/right. PATTERN is charuco or legacy (11 x 8 squares of 24 mm with
-markers of 18 mm of DICT_5X5_100, drawn by OpenCV, whole or partly in sight) or aprilgrid (6 x 4 tags of 35 mm, gaps of 0.3, laid
+`draw` writes COUNT pairs to FOLDER/left and FOLDER/right. PATTERN is charuco, legacy or apriltags (11 x 8 squares of 24 mm with
+markers of 18 mm of DICT_5X5_100 or DICT_APRILTAG_36h11, drawn by OpenCV, whole or partly in sight) or aprilgrid (6 x 4 tags of 35 mm, gaps of 0.3, laid
 out as Kalibr does, with the bits of OpenCV's dictionary). LENS is plain or fisheye. Prints the cameras as JSON.
 
 `rectify` reads a fisheye calibration with OpenCV and prints where it rectifies some pixels of both cameras to.
+
+`detect` draws a printed board of the same kinds and prints how many of its corners (charuco, legacy, apriltags) or tags (aprilgrid) OpenCV finds.
 """
 
 import json
 import pathlib
+import re
 import sys
 
 import cv2
@@ -44,10 +48,16 @@ CAMERAS = {
 }
 
 
-def charuco(is_legacy):
-    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
+def charuco_board(pattern):
+    name = cv2.aruco.DICT_APRILTAG_36h11 if pattern == "apriltags" else cv2.aruco.DICT_5X5_100
+    dictionary = cv2.aruco.getPredefinedDictionary(name)
     board = cv2.aruco.CharucoBoard(SQUARES, SQUARE_MM / 1e3, MARKER_MM / 1e3, dictionary)
-    board.setLegacyPattern(is_legacy)
+    board.setLegacyPattern(pattern == "legacy")
+    return board
+
+
+def charuco(pattern):
+    board = charuco_board(pattern)
     size = tuple(int(n * SQUARE_MM * SCALE) for n in SQUARES)
     return board.generateImage(size, marginSize=0)
 
@@ -79,7 +89,7 @@ def aprilgrid():
 
 def draw(pattern, lens, count, folder):
     random = np.random.default_rng(1)
-    board = aprilgrid() if pattern == "aprilgrid" else charuco(pattern == "legacy")
+    board = aprilgrid() if pattern == "aprilgrid" else charuco(pattern)
     size_mm = np.array(board.shape[::-1]) / SCALE
     paper = PAPER_MM * SCALE
     board = cv2.copyMakeBorder(board, paper, paper, paper, paper, cv2.BORDER_CONSTANT, value=255)
@@ -146,7 +156,25 @@ def rectify(path):
     print(json.dumps(said))
 
 
+def detect(pattern, path):
+    text = pathlib.Path(path).read_text()
+    width, height = (float(v) for v in re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', text).groups())
+    picture = np.full((round(height * SCALE), round(width * SCALE)), 255, np.uint8)
+    for area in re.findall(r"M([\d.]+) ([\d.]+)h([\d.]+)v([\d.]+)h-", text):
+        x, y, wide, high = (float(v) * SCALE for v in area)
+        picture[round(y) : round(y + high), round(x) : round(x + wide)] = 0
+    picture = cv2.resize(picture, None, fx=0.4, fy=0.4, interpolation=cv2.INTER_AREA)
+    if pattern == "aprilgrid":
+        dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+        found = cv2.aruco.ArucoDetector(dictionary).detectMarkers(picture)[1]
+    else:
+        found = cv2.aruco.CharucoDetector(charuco_board(pattern)).detectBoard(picture)[1]
+    print(json.dumps({"found": [] if found is None else found.ravel().tolist()}))
+
+
 if sys.argv[1] == "draw":
     draw(sys.argv[2], sys.argv[3], int(sys.argv[4]), sys.argv[5])
+elif sys.argv[1] == "detect":
+    detect(sys.argv[2], sys.argv[3])
 else:
     rectify(sys.argv[2])

@@ -11,6 +11,9 @@ use tools::calibration::print;
 /// Width of the black border of an AprilTag of an AprilGrid, in cells, as Kalibr prints it.
 const BORDER_CELLS: usize = 2;
 
+/// Gap between tags over their side, as Kalibr's examples have it.
+const TAG_SPACING: f64 = 0.3;
+
 /// Text below the options of `--help`.
 pub const HELP: &str = "Examples:
   lookout board --board 9x6 --square-mm 25 -o board.svg
@@ -43,9 +46,9 @@ pub struct BoardArgs {
     /// number of rows of squares
     #[arg(long)]
     pub legacy: bool,
-    /// AprilGrid: gap between tags, relative to the side of a tag
-    #[arg(long, value_name = "RATIO", default_value_t = 0.3)]
-    pub tag_spacing: f64,
+    /// AprilGrid: gap between tags, relative to the side of a tag [default: 0.3]
+    #[arg(long, value_name = "RATIO")]
+    pub tag_spacing: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -74,6 +77,7 @@ impl BoardArgs {
         only(self.marker_mm.is_some(), "--marker-mm", PatternChoice::Charuco)?;
         only(self.dictionary.is_some(), "--dictionary", PatternChoice::Charuco)?;
         only(self.legacy, "--legacy", PatternChoice::Charuco)?;
+        only(self.tag_spacing.is_some(), "--tag-spacing", PatternChoice::Aprilgrid)?;
         let (board, names) = match self.pattern {
             PatternChoice::Chessboard => (Board::new(size.0, size.1, square_m), "--board, --square-mm"),
             PatternChoice::Charuco => {
@@ -84,7 +88,7 @@ impl BoardArgs {
                 (board, "--board, --square-mm, --marker-mm, --dictionary")
             }
             PatternChoice::Aprilgrid => (
-                Board::april_grid(size, square_m, self.tag_spacing, BORDER_CELLS),
+                Board::april_grid(size, square_m, self.tag_spacing.unwrap_or(TAG_SPACING), BORDER_CELLS),
                 "--board, --square-mm, --tag-spacing",
             ),
         };

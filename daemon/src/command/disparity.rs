@@ -206,9 +206,8 @@ pub fn median(times: &mut [f64]) -> f64 {
 pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "disparity", None)?;
     check_ending(&args.out, true)?;
-    for path in args.color.iter().chain(&args.probability) {
-        check_ending(path, false)?;
-    }
+    args.color.as_deref().map(|path| check_ending(path, false)).transpose()?;
+    args.probability.as_deref().map(|path| check_ending(path, true)).transpose()?;
     let disparities =
         args.max_disparity.map_or(usize::try_from(config.stereo.disparities).unwrap_or(0), usize::from);
     let (left, right, width, height) = read_pair_as(&args.left, &args.right, interpretation(&config))?;

@@ -47,6 +47,13 @@ pub fn run(args: &SceneCommand) -> Result<(), CommandError> {
 fn write_pairs(args: &SceneCommand, folder: &Path) -> Result<(), CommandError> {
     let mut scene = Scene::open(&args.scene)?;
     let (width, height) = scene.size();
+    if let Some(frames) = scene.count().filter(|frames| (args.count - 1) * args.every >= *frames) {
+        let most = (frames - 1) / args.every + 1;
+        return Err(CommandError::Other(format!(
+            "{}: has {frames} pairs: --count {most} is the largest with --every {}",
+            args.scene, args.every
+        )));
+    }
     let name = |pair: u64| format!("{pair:06}");
     let pictures: Vec<PathBuf> = (0..args.count)
         .flat_map(|pair| KITTI_FOLDERS.map(|part| Path::new(part).join(format!("{}.png", name(pair)))))

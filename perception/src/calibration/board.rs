@@ -68,7 +68,7 @@ pub enum BoardError {
         square_m: f64,
     },
     /// The side of a marker is out of range.
-    #[error("markers of {share:.2} of a square's side: the range is 0.3 to 0.95")]
+    #[error("markers of {share:.2} of a square's side: the range is 0.3 to 0.8")]
     Marker {
         /// Side of a marker over that of a square.
         share: f64,
@@ -104,7 +104,7 @@ impl Board {
     /// A ChArUco board of `columns` × `rows` inner corners, with squares of `square_m` metres and markers of `marker_m`.
     ///
     /// # Errors
-    /// As [`Board::new`]; if a marker is smaller than 0.3 or larger than 0.95 of a square, or the dictionary is too small.
+    /// As [`Board::new`]; if a marker is smaller than 0.3 or larger than 0.8 of a square, or the dictionary is too small.
     pub fn charuco(
         (columns, rows): (usize, usize),
         square_m: f64,
@@ -143,7 +143,7 @@ impl Board {
             return Err(BoardError::Square { square_m });
         }
         match pattern {
-            Pattern::Charuco { marker_share, .. } if !(0.3..=0.95).contains(&marker_share) => {
+            Pattern::Charuco { marker_share, .. } if !(0.3..=0.805).contains(&marker_share) => {
                 return Err(BoardError::Marker { share: marker_share });
             }
             Pattern::AprilGrid { spacing, .. } if !(0.1..=1.0).contains(&spacing) => {
@@ -299,7 +299,7 @@ impl Board {
 
     /// The marker in the square at a lattice corner.
     fn marker_at(&self, column: i64, row: i64) -> Option<Marker> {
-        let dictionary = self.dictionary()?;
+        self.dictionary()?;
         let id = match self.pattern {
             Pattern::AprilGrid { .. } => {
                 let inside =
@@ -316,7 +316,17 @@ impl Board {
                 above + self.white_in_row(row, column + 1)
             }
         };
-        dictionary.marker(usize::try_from(id).ok()?)
+        self.marker(usize::try_from(id).ok()?)
+    }
+
+    /// The marker with an identifier, upright on this board.
+    pub(super) fn marker(&self, id: usize) -> Option<Marker> {
+        let dictionary = self.dictionary()?;
+        let marker = dictionary.marker(id)?;
+        // OpenCV has the AprilTags of its dictionaries upside down against the family's definition.
+        let is_turned =
+            dictionary == Dictionary::AprilTag36h11 && matches!(self.pattern, Pattern::Charuco { .. });
+        Some(if is_turned { marker.read_after_quarter_turn().read_after_quarter_turn() } else { marker })
     }
 
     /// White squares among the first `count` of a row.

@@ -20,6 +20,8 @@ const MARKED: (usize, usize) = (5000, 600);
 const WIDEST: usize = 900;
 /// The same for boards with markers, whose cells are small.
 const WIDEST_MARKED: usize = 1600;
+/// Distance from an edge up to which pixels are used, however near a marker is, in pixels.
+const MIN_CLEAR_PX: f64 = 0.7;
 /// Corners of a board with markers that an image must show.
 pub const MIN_CORNERS: usize = 8;
 /// A board with markers of which this share of the corners is found is not searched at another scale, in percent.
@@ -61,7 +63,7 @@ pub enum NoBoard {
     },
     /// Too few corners of a board with markers, or all in one line.
     #[error(
-        "only {corners} corners found next to markers of the board: bring it nearer, show more of it, and check size, dictionary and number of squares"
+        "{corners} corners found beside markers of the board, {MIN_CORNERS} are needed: bring it nearer, show more of it, and check --board, --dictionary and --legacy"
     )]
     Part {
         /// Number of these corners.
@@ -102,11 +104,13 @@ fn first_scale(planes: &[Plane], widest: usize) -> usize {
 fn find_marked(planes: &[Plane], board: &Board, reader: &Reader) -> Result<Sighting, NoBoard> {
     let first = first_scale(planes, WIDEST_MARKED);
     let mut best: Places = Vec::new();
+    let mut has_lattice = false;
     let count = |places: &Places| places.iter().flatten().count();
     let mut scale = first;
     for (at, plane) in planes.iter().enumerate().skip(first).take(3) {
         let saddles = saddle::find(&plane.blurred(saddle::SIGMA_PX), MARKED.0);
         let lattices = grid::grow(&saddles, board.period(), MARKED.1);
+        has_lattice |= !lattices.is_empty();
         let places = placement::corners(&lattices, plane, reader, board);
         if count(&places) > count(&best) {
             (best, scale) = (places, at);
@@ -116,7 +120,7 @@ fn find_marked(planes: &[Plane], board: &Board, reader: &Reader) -> Result<Sight
         }
     }
     if best.is_empty() {
-        return Err(NoBoard::None);
+        return Err(if has_lattice { NoBoard::Part { corners: 0 } } else { NoBoard::None });
     }
     let sighting = refined(best, &planes[..=scale], board).map_err(|lost| NoBoard::Unclear { lost })?;
     let corners = count(&sighting.corners);
@@ -215,8 +219,8 @@ fn completed(places: &Places, board: &Board) -> Option<Places> {
 /// Steps along the rows and down the columns at a corner, in pixels: the shorter ones of the neighbouring steps, as the window of
 /// the fit must not reach the next corner. Steps of different lengths on the board are scaled to the shortest. `None` without
 /// neighbours in either direction.
-fn steps(corners: &Places, board: &Board, k: usize) -> Option<[Vector2<f64>; 2]> {
-    let (columns, points) = (board.columns(), board.points_m());
+fn steps(corners: &Places, board: &Board, points: &[Vector2<f64>], k: usize) -> Option<[Vector2<f64>; 2]> {
+    let columns = board.columns();
     let here = corners[k]?;
     let step = |other: Option<usize>, axis: usize| -> Option<(Vector2<f64>, f64)> {
         let other = other?;
@@ -241,7 +245,7 @@ fn steps(corners: &Places, board: &Board, k: usize) -> Option<[Vector2<f64>; 2]>
 /// is the number of corners that could not be refined.
 fn refined(mut corners: Places, planes: &[Plane], board: &Board) -> Result<Sighting, usize> {
     let is_whole = board.pattern() == Pattern::Chessboard;
-    let columns = board.columns();
+    let (columns, points) = (board.columns(), board.points_m());
     // The markers begin so far from the edges of their squares, in squares.
     let clear = match board.pattern() {
         Pattern::Charuco { marker_share, .. } => 0.5 * (1.0 - marker_share),
@@ -251,9 +255,10 @@ fn refined(mut corners: Places, planes: &[Plane], board: &Board) -> Result<Sight
     for (i, plane) in planes.iter().enumerate().rev() {
         fits = (0..corners.len())
             .map(|k| {
-                let [along, down] = steps(&corners, board, k)?;
-                // Blur spreads them by about a pixel.
-                let clear = clear - 1.0 / along.norm().min(down.norm());
+                let [along, down] = steps(&corners, board, &points, k)?;
+                // Blur spreads them by about a pixel; some pixels beside each edge must be left.
+                let step = along.norm().min(down.norm());
+                let clear = (clear - 1.0 / step).max(MIN_CLEAR_PX / step);
                 corner::refine(plane, corners[k]?, along, down, REACH, clear, MAX_RADIUS_PX)
             })
             .collect();

@@ -41,7 +41,7 @@ impl Reader {
         let markers: Vec<_> = board
             .markers()
             .into_iter()
-            .filter_map(|(id, square)| Some((dictionary.marker(id)?.bits(), square)))
+            .filter_map(|(id, square)| Some((board.marker(id)?.bits(), square)))
             .collect();
         // The smallest distance between two markers, or of one to itself turned.
         let mut least = u32::MAX;

@@ -100,10 +100,12 @@ fn spread(places: &mut Places, plane: &Plane, reader: &Reader, board: &Board) {
             // Far from known corners a prediction is worth nothing.
             let reach = 2.0 * (corners[2] - corners[0]).norm();
             let is_near = |p: &Vector2<f64>| (p - corners[0]).norm() < reach;
-            if points.iter().zip(&*places).filter(|(p, place)| place.is_some() && is_near(p)).count() < 4 {
+            let near = points.iter().zip(&*places).filter(|(p, place)| place.is_some() && is_near(p));
+            let (near, known): (Vec<_>, Places) = near.map(|(p, place)| (*p, *place)).unzip();
+            if near.len() < 4 {
                 return true;
             }
-            let predicted = corners.map(|p| homography::predict(&points, places, &p));
+            let predicted = corners.map(|p| homography::predict(&near, &known, &p));
             let [Some(a), Some(b), Some(c), Some(d)] = predicted else { return true };
             if reader.read(plane, &[a, b, c, d]) != Some(Reading { square: (column, row), quarter_turns: 0 })
             {

@@ -2,8 +2,8 @@
 //! with the distance of the point.
 //!
 //! A point has a fixed place relative to the boards that were seen. A calibration that errs has wrong lenses and, to fit the same
-//! corners, wrong poses of the boards; partly they cancel each other, near the boards most, far from them or where no board was
-//! not at all. The mean of the boards' poses says where the point is (the "mean-pcam" method of mrcal: D. Kogan, NASA/JPL, 2021).
+//! corners, wrong poses of the boards. Where boards were, both errors nearly cancel each other; farther away and towards borders that
+//! no board reached they do not. The mean of the boards' poses says where the point is (the "mean-pcam" method of mrcal: D. Kogan, NASA/JPL, 2021).
 
 use super::bundle::{Problem, Solution};
 use super::camera::{Camera, Lens};

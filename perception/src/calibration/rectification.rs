@@ -16,7 +16,7 @@ pub enum Crop {
     /// [`WIDEST_VALID_DEG`].
     #[default]
     Valid,
-    /// The largest focal length at which every pixel of both cameras is kept; the rest is black.
+    /// The largest focal length at which every pixel of both cameras is kept, up to [`MAX_FIELD_OF_VIEW_DEG`]; the rest is black.
     Full,
     /// The mean focal length of the cameras.
     Same,
@@ -212,9 +212,11 @@ impl Rectification {
                 (shown, focal)
             }
             Crop::Full => {
+                let limit = (0.5 * MAX_FIELD_OF_VIEW_DEG).to_radians().tan();
+                let shown = outer.map(|v| v.clamp(-limit, limit));
                 let focal =
-                    ((width - 1.0) / (outer[1] - outer[0])).min((height - 1.0) / (outer[3] - outer[2]));
-                (outer, focal)
+                    ((width - 1.0) / (shown[1] - shown[0])).min((height - 1.0) / (shown[3] - shown[2]));
+                (shown, focal)
             }
             Crop::Same => (inner, own),
             Crop::FieldOfView(degrees) => {

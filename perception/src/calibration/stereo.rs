@@ -21,6 +21,8 @@ pub use super::rejection::{MOVED_PX, ViewFault};
 pub const MIN_VIEWS: usize = 4;
 /// Minimum number of views for estimating the bend of the board.
 const MIN_VIEWS_TO_BEND: usize = 8;
+/// Corners of a view that must not be rejected in either image.
+const MIN_CORNERS_LEFT: usize = 6;
 /// Ratio of corner variance to shift variance above which shifts are disabled.
 const RIGID_RATIO: f64 = 20.0;
 
@@ -194,8 +196,15 @@ fn select(
         let free = Free { lens, cameras: true, stretch: false, bend: chosen.len() >= MIN_VIEWS_TO_BEND };
         let problem = Problem { board: points, views: &chosen, free, huber_px: HUBER_PX, shift_cost };
         let mut again = reject_corners(&problem, &solution.state, &used, &mut views, &mut rejected);
-        let new_faults =
+        let mut new_faults =
             if selective { view_faults(&problem, &solution, &mut sigma) } else { vec![None; chosen.len()] };
+        // Of what is left of a view with most corners rejected no pose can be found.
+        for (fault, &i) in new_faults.iter_mut().zip(&used) {
+            let left = views[i].corners.iter().map(|side| side.iter().flatten().count()).min();
+            if fault.is_none() && left < Some(MIN_CORNERS_LEFT) {
+                *fault = Some(ViewFault::Misfit(f64::INFINITY));
+            }
+        }
         state = solution.state;
         let keep: Vec<bool> = new_faults.iter().map(Option::is_none).collect();
         for (&i, fault) in used.iter().zip(&new_faults) {
@@ -258,7 +267,8 @@ fn view_reports(
         boards[i] = *pose;
     }
     for i in (0..all.len()).filter(|i| !used.contains(i)) {
-        boards[i] = start::board_pose(points, &all[i], &cameras[0]).ok_or(CalibrationError::Undetermined)?;
+        // Without a pose it has no residuals.
+        boards[i] = start::board_pose(points, &all[i], &cameras[0]).unwrap_or_else(Pose::identity);
     }
     let whole = State { boards, shifts: vec![Vector2::zeros(); all.len()], ..solution.state.clone() };
     let free = Free { lens, cameras: false, stretch: false, bend: false };
@@ -400,6 +410,22 @@ fn stretch(
     (freed.state.shape.stretch, all[(place, place)].sqrt())
 }
 
+/// Largest angle to the axis of the rectified camera, across or down, at which rows are compared, as its tangent: 50 degrees. Farther
+/// out, where a fisheye lens still sees, rectified pixels are stretched, and errors of the corners with them.
+const ROWS_TO: f64 = 1.192;
+
+/// The rectified row of a corner; `None` where rows are not compared.
+fn compared_row(
+    rectification: &Rectification,
+    cameras: &[Camera; 2],
+    side: usize,
+    corner: Vector2<f64>,
+) -> Option<f64> {
+    let (place, rig) = (rectification.rectified(cameras, side, corner)?, &rectification.rig);
+    let from_axis = Vector2::new(place.x - rig.cx_px, place.y - rig.cy_px) / rig.focal_px;
+    (from_axis.amax() <= ROWS_TO).then_some(place.y)
+}
+
 fn view_report(
     rigid: &Problem<'_>,
     loose: &Problem<'_>,
@@ -419,9 +445,8 @@ fn view_report(
         (seen.clone().map(Vector2::norm_squared).sum::<f64>() / seen.count().max(1) as f64).sqrt()
     };
     let corners = &rigid.views[view].corners;
-    let row = |side: usize, k: usize| {
-        corners[side][k].and_then(|p| rectification.rectified(cameras, side, p)).map(|p| p.y)
-    };
+    let row =
+        |side: usize, k: usize| corners[side][k].and_then(|p| compared_row(rectification, cameras, side, p));
     let pose = own.boards[view];
     let axis = pose.rotation * Vector3::z();
     ViewReport {
@@ -469,9 +494,10 @@ fn held_out(
         for view in views.iter().enumerate().filter(|(i, _)| i % 2 != half).map(|(_, v)| v) {
             for (left, right) in view.corners[0].iter().zip(&view.corners[1]) {
                 let (Some(left), Some(right)) = (left, right) else { continue };
-                let rows = [(0, left), (1, right)].map(|(s, p)| rectification.rectified(&cameras, s, *p));
+                let rows =
+                    [(0, left), (1, right)].map(|(s, p)| compared_row(&rectification, &cameras, s, *p));
                 if let [Some(l), Some(r)] = rows {
-                    sum += (l.y - r.y).abs();
+                    sum += (l - r).abs();
                     count += 1;
                 }
             }

@@ -340,6 +340,27 @@ fn wrong_corners_are_rejected() {
     assert!(matches!(c.views[3].fault, Some(ViewFault::Misfit(_))), "{:?}", c.views[3].fault);
 }
 
+/// Views whose images were taken at different times lose all their corners; the others still give the cameras.
+#[test]
+fn views_without_any_corner_left_do_not_end_the_calibration() {
+    let bench = Bench::new(12, 8);
+    let mut pairs = bench.pairs(0.1, 8);
+    for (from, to) in [(4, 3), (8, 7), (1, 10)] {
+        pairs[to].right = pairs[from].right.clone();
+    }
+    let c = bench.calibrate(&pairs);
+    let left_out: Vec<usize> = (0..12).filter(|i| c.views[*i].fault.is_some()).collect();
+    // A quarter of the views is wrong: a good one may go with them.
+    assert!([3, 7, 10].iter().all(|i| left_out.contains(i)) && left_out.len() <= 4, "{left_out:?}");
+    assert!((c.cameras[0].fx_px - bench.cameras[0].fx_px).abs() < 2.0, "{:?}", c.cameras[0]);
+    // So does one that shows too little in the right image.
+    let mut pairs = bench.pairs(0.1, 8);
+    for (k, corner) in pairs[5].right.iter_mut().enumerate() {
+        *corner = corner.filter(|_| k % 9 < 2 && k < 18).map(|c| c + Vector2::new(9.0 * (k % 3) as f64, 0.0));
+    }
+    assert!(bench.calibrate(&pairs).views[5].fault.is_some());
+}
+
 #[test]
 fn insufficient_views_are_not_good() {
     let bench = Bench::new(14, 9);

@@ -5,7 +5,7 @@
 //! (Hu and Mordohai, "A Quantitative Evaluation of Confidence Measures for Stereo Vision", 2012). Probabilities follow from the score by
 //! a table, the shares of right estimates on the even pairs of KITTI 2015; docs/results.md has the reliability diagram of the others.
 
-/// Radius of the window: 15 × 15 pixels, the largest whose column sums fit into 16 bits.
+/// Radius of the window: 15 × 15 pixels.
 const RADIUS: usize = 7;
 const SIZE: usize = 2 * RADIUS + 1;
 /// Confidence of what was filled in: no estimate supports it.

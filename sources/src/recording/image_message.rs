@@ -185,6 +185,9 @@ pub struct CameraMessage {
 /// as rectified: less than a tenth of a pixel at the border of a picture.
 const MAX_RECTIFIED: f64 = 1e-4;
 
+/// The name of the model of fisheye lenses, which bends straight lines with coefficients of 0, too.
+const EQUIDISTANT: &str = "equidistant";
+
 /// Reads a calibration message; `None` if it cannot be decoded or has no projection matrix.
 pub fn camera_message(channel: &Channel, message: &Bytes) -> Option<CameraMessage> {
     /// The rotation that changes nothing. ROS writes zeros where there is none.
@@ -198,8 +201,7 @@ pub fn camera_message(channel: &Channel, message: &Bytes) -> Option<CameraMessag
         let mut cdr = Cdr::new(message)?;
         cdr.header()?;
         let (height, width) = (cdr.u32()?, cdr.u32()?);
-        // The equidistant model bends straight lines with coefficients of 0, too.
-        let mut is_distorted = cdr.text()? == "equidistant";
+        let mut is_distorted = cdr.text()? == EQUIDISTANT;
         let coefficients = cdr.u32()?;
         for _ in 0..coefficients {
             is_distorted |= is_bent(&cdr.f64()?);
@@ -220,7 +222,8 @@ pub fn camera_message(channel: &Channel, message: &Bytes) -> Option<CameraMessag
         return Some(CameraMessage { size: (width, height), is_distorted, projection });
     }
     let calibration: CameraCalibration = foxglove::decode(message).ok()?;
-    let is_distorted = calibration.d.iter().any(is_bent) || turns(&calibration.r);
+    let is_fisheye = calibration.distortion_model == EQUIDISTANT;
+    let is_distorted = is_fisheye || calibration.d.iter().any(is_bent) || turns(&calibration.r);
     let size = (calibration.width, calibration.height);
     Some(CameraMessage { size, is_distorted, projection: calibration.p.try_into().ok()? })
 }

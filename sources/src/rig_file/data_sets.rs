@@ -1,7 +1,7 @@
 //! Calibrations as data sets have them: KITTI's raw drives (`calib_cam_to_cam.txt`) and EuRoC (`sensor.yaml`).
 
 use super::calibration::Calibration;
-use super::values::{Cameras, camera, numbers, pixels, turn};
+use super::values::{Cameras, camera, fisheye, numbers, pixels, turn};
 use super::yaml::Value;
 use super::{RigFile, check_camera};
 use nalgebra::{Rotation3, Vector3};
@@ -78,21 +78,24 @@ pub(super) fn sensors(documents: &[Value]) -> Result<Cameras, String> {
         return Err("a sensor.yaml holds one camera: give the left and the right one".into());
     };
     let one = |d: &Value| -> Result<_, String> {
-        for (name, supported) in [("camera_model", "pinhole"), ("distortion_model", "radial-tangential")] {
-            let model = d.get(name).and_then(Value::word).unwrap_or("");
-            if model != supported {
-                return Err(format!(
-                    "{name} is \"{}\": {supported} is supported",
-                    excerpt(model, VALUE_CHARS)
-                ));
-            }
+        let word = |name: &str| d.get(name).and_then(Value::word).unwrap_or("");
+        let not = |name: &str, supported: &str| {
+            format!("{name} is \"{}\": {supported} is supported", excerpt(word(name), VALUE_CHARS))
+        };
+        if word("camera_model") != "pinhole" {
+            return Err(not("camera_model", "pinhole"));
         }
+        let lens = match word("distortion_model") {
+            "radial-tangential" => camera,
+            "equidistant" => fisheye,
+            _ => return Err(not("distortion_model", "radial-tangential or equidistant")),
+        };
         let [fx, fy, cx, cy] = numbers(d, "intrinsics")?;
         let distortion: [f64; 4] = numbers(d, "distortion_coefficients")?;
         let [w, h] = numbers(d, "resolution")?;
         let m: [f64; 16] = numbers(d, "T_BS")?;
         let rotation = turn(&[m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]], "T_BS")?;
-        let camera = camera(&[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0], &distortion)?;
+        let camera = lens(&[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0], &distortion)?;
         Ok((camera, rotation, Vector3::new(m[3], m[7], m[11]), (pixels(w)?, pixels(h)?)))
     };
     let (l, r) = (one(left)?, one(right)?);
@@ -110,6 +113,7 @@ mod tests {
     use super::*;
     use crate::calibration_file::{self, KITTI_RAW};
     use nalgebra::Matrix3;
+    use perception::calibration::Distortion;
     use std::path::Path;
 
     const CAMERA: &str = "S_02: 100 60\nK_02: 80 0 50 0 80 30 0 0 1\nD_02: -0.3 0.1 0 0 0\nR_02: 1 0 0 0 1 0 0 0 1\n\
@@ -177,9 +181,14 @@ mod tests {
         assert!((file.between.translation_m - Vector3::new(-0.11, 0.0, 0.0)).norm() < 1e-12);
         assert!((file.between.rotation.matrix() - Matrix3::identity()).norm() < 1e-12);
         assert_eq!((file.size(), file.cameras[1].distortion.coefficients()[1]), ((64, 48), 0.07));
-        let text = std::fs::read_to_string(&left).unwrap().replace("radial-tangential", "equidistant");
-        std::fs::write(&left, text).unwrap();
+        let text = std::fs::read_to_string(&left).unwrap();
+        std::fs::write(&left, text.replace("radial-tangential", "equidistant")).unwrap();
+        let Calibration::Cameras(file) = calibration_file::open(&left, true).unwrap() else {
+            panic!("cameras")
+        };
+        assert_eq!(file.cameras[0].distortion, Distortion::Equidistant([-0.2, 0.07, 0.0, 0.0]));
+        std::fs::write(&left, text.replace("radial-tangential", "fov")).unwrap();
         let error = calibration_file::open(&left, true).unwrap_err().to_string();
-        assert!(error.contains("equidistant") && error.contains("radial-tangential"), "{error}");
+        assert!(error.contains("fov") && error.contains("radial-tangential or equidistant"), "{error}");
     }
 }

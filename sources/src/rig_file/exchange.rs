@@ -243,7 +243,9 @@ pub fn write(rig: &RigFile, format: Format, path: &Path) -> Result<Vec<PathBuf>,
     let distortions = || rig.cameras.iter().map(|c| &c.distortion);
     let fisheyes = distortions().filter(|d| matches!(d, Distortion::Equidistant(_))).count();
     if fisheyes == 1 && format == Format::Opencv {
-        return Err(fail("OpenCV's pairs have lenses of one model, these are a fisheye and another lens"));
+        return Err(fail(
+            "OpenCV's pairs have lenses of one model, these are a fisheye and another lens: write ros, kalibr or toml",
+        ));
     }
     let beyond = |from: usize| distortions().any(|d| d.coefficients().iter().skip(from).any(|v| *v != 0.0));
     let text = match format {

@@ -105,7 +105,7 @@ impl Session {
         let right = ordered_alike(&left.corners, &right.corners, &self.board);
         let now = [left.corners, right];
         let is_at_rest = !self.needs_rest || self.before.as_ref().is_some_and(|before| rests(before, &now));
-        let features = features(&now[0], self.size);
+        let features = features(&now[0], &self.board, self.size);
         let [left, right] = &now;
         let pair = Pair { left: left.clone(), right: right.clone() };
         self.before = Some(now);

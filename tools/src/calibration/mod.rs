@@ -10,6 +10,7 @@ pub use pictures::{PicturePair, Pictures, PicturesError};
 
 use nalgebra::Vector2;
 use perception::calibration::finder::{self, ordered_alike};
+use perception::calibration::homography;
 use perception::calibration::{
     Board, Crop, Grade, Lens, NoBoard, Pair, Places, Reason, Sighting, StereoCalibration, Verdict, calibrate,
     calibrate_all, judge,
@@ -135,7 +136,7 @@ fn attempt(
     let board = &request.board;
     let (size, other_boards) = collect_views(&pictures, board, progress, outcome)?;
     let Some(size) = size else { return Err(format!("{}: no pairs", request.folder.display())) };
-    thin_out(outcome, size);
+    thin_out(outcome, board, size);
     let names: Vec<String> = outcome.views.iter().map(|p| p.name.clone()).collect();
     let result = calibrate(board, size, &outcome.corners, request.lens, request.crop);
     let mut verdict = match &result {
@@ -232,7 +233,8 @@ fn judge_missing_boards(
         verdict.grade = Grade::Redo;
     } else if !outcome.without.is_empty() {
         // A partly detected board is the more helpful example.
-        let part = outcome.without.iter().find(|w| matches!(w.1, NoBoard::Other { .. }));
+        let is_part = |why: &NoBoard| matches!(why, NoBoard::Other { .. } | NoBoard::Part { .. });
+        let part = outcome.without.iter().find(|w| is_part(&w.1));
         let (path, why) = part.unwrap_or(&outcome.without[0]);
         let count = outcome.without.len();
         let total = 2 * outcome.pairs;
@@ -244,11 +246,11 @@ fn judge_missing_boards(
 }
 
 /// Keeps the views that differ most in position, size and slant, when there are too many.
-fn thin_out(outcome: &mut Outcome, size: (usize, usize)) {
+fn thin_out(outcome: &mut Outcome, board: &Board, size: (usize, usize)) {
     if outcome.views.len() <= MAX_VIEWS {
         return;
     }
-    let features: Vec<[f64; 5]> = outcome.corners.iter().map(|p| features(&p.left, size)).collect();
+    let features: Vec<[f64; 5]> = outcome.corners.iter().map(|p| features(&p.left, board, size)).collect();
     let apart = |a: &[f64; 5], b: &[f64; 5]| a.iter().zip(b).map(|(x, y)| (x - y).abs()).sum::<f64>();
     let mut kept = vec![0];
     let mut nearest: Vec<f64> = features.iter().map(|f| apart(f, &features[0])).collect();
@@ -264,9 +266,16 @@ fn thin_out(outcome: &mut Outcome, size: (usize, usize)) {
     outcome.corners = kept.iter().map(|&i| outcome.corners[i].clone()).collect();
 }
 
-/// Position, size and slants of a board, or of its visible part, in an image, each about 0 to 1.
-fn features(corners: &Places, (width, height): (usize, usize)) -> [f64; 5] {
-    let seen = || corners.iter().flatten();
+/// Position, size and slants of a board in an image, each about 0 to 1. What is not seen of it is predicted, so that the features do
+/// not depend on which of its corners were found.
+fn features(corners: &Places, board: &Board, (width, height): (usize, usize)) -> [f64; 5] {
+    let points = board.points_m();
+    let (from, to): (Vec<_>, Vec<_>) =
+        points.iter().zip(corners).filter_map(|(p, c)| Some((*p, (*c)?))).unzip();
+    let to_image = if to.len() < points.len() { homography::fit(&from, &to) } else { None };
+    let predicted = |p: &Vector2<f64>| to_image.as_ref().map(|h| homography::map(h, p));
+    let whole: Places = points.iter().zip(corners).map(|(p, c)| c.or_else(|| predicted(p))).collect();
+    let seen = || whole.iter().flatten();
     let n = seen().count().max(1) as f64;
     let mean = seen().sum::<Vector2<f64>>() / n;
     let spread = (seen().map(|c| (c - mean).norm_squared()).sum::<f64>() / n).sqrt();

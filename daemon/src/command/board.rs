@@ -17,8 +17,8 @@ const TAG_SPACING: f64 = 0.3;
 /// Text below the options of `--help`.
 pub const HELP: &str = "Examples:
   lookout board --board 9x6 --square-mm 25 -o board.svg
-  lookout board --pattern charuco --board 10x7 --square-mm 24 --marker-mm 18 --dictionary 5x5_100 -o board.svg
-  lookout board --pattern aprilgrid --board 6x4 --square-mm 35 -o board.svg
+  lookout board --pattern charuco --board 10x7 --square-mm 22 --marker-mm 16.5 --dictionary 5x5_100 -o board.svg
+  lookout board --pattern aprilgrid --board 6x4 --square-mm 33 -o board.svg
 
 Print the file at 100 % (a browser does), on stiff and flat material, then measure a square: printers
 scale. Of a ChArUco board or an AprilGrid each picture may show a part only, so that its corners reach
@@ -120,10 +120,12 @@ pub fn run(args: &PrintBoard) -> Result<(), CommandError> {
     })?;
     let size_mm = board.size_m() * 1e3;
     say(format_args!(
-        "{}: {:.0} x {:.0} mm without margins; calibrate with {}",
+        "{}: {:.0} x {:.0} mm without margins, for {}; calibrate with {}",
         out.display(),
         size_mm.x,
         size_mm.y,
+        print::paper(&board)
+            .map_or("paper larger than A0".to_owned(), |paper| format!("paper of size {paper} or larger")),
         print::described(&board)
     ))
 }

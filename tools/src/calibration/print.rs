@@ -27,12 +27,34 @@ pub fn described(board: &Board) -> String {
     }
 }
 
+/// To a ten-thousandth of a millimetre.
+fn mm(metres: f64) -> f64 {
+    (metres * 1e7).round() / 1e4
+}
+
+/// Width and height of the print with its margins, in mm.
+fn page_mm(board: &Board) -> (f64, f64) {
+    let size_mm = board.size_m().map(mm);
+    (size_mm.x + 2.0 * MARGIN_MM, size_mm.y + 2.0 * MARGIN_MM + TEXT_MM)
+}
+
+/// The smallest paper that the print fits on, upright or across; `None` if it is larger than A0.
+pub fn paper(board: &Board) -> Option<&'static str> {
+    const PAPERS_MM: [(&str, f64, f64); 5] = [
+        ("A4", 210.0, 297.0),
+        ("A3", 297.0, 420.0),
+        ("A2", 420.0, 594.0),
+        ("A1", 594.0, 841.0),
+        ("A0", 841.0, 1189.0),
+    ];
+    let (width, height) = page_mm(board);
+    let fits = |paper: &&(&str, f64, f64)| width.min(height) <= paper.1 && width.max(height) <= paper.2;
+    PAPERS_MM.iter().find(fits).map(|paper| paper.0)
+}
+
 /// The board as an SVG file whose units are millimetres.
 pub fn svg(board: &Board) -> String {
-    // To a ten-thousandth of a millimetre.
-    let mm = |metres: f64| (metres * 1e7).round() / 1e4;
-    let size_mm = board.size_m().map(mm);
-    let (width, height) = (size_mm.x + 2.0 * MARGIN_MM, size_mm.y + 2.0 * MARGIN_MM + TEXT_MM);
+    let (width, height) = page_mm(board);
     let mut text = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}mm\" height=\"{height}mm\" viewBox=\"0 0 {width} {height}\">\n\
          <rect width=\"{width}\" height=\"{height}\" fill=\"#fff\"/>\n<path shape-rendering=\"crispEdges\" d=\""
@@ -61,6 +83,8 @@ mod tests {
         // The first square, and half of 10 x 7 squares.
         assert!(text.contains("d=\"M10 10h25v25h-25z"), "{}", &text[..400]);
         assert_eq!(text.matches("h25v25").count(), 35);
+        let of = |square_m: f64| paper(&Board::new(9, 6, square_m).unwrap());
+        assert_eq!([of(0.025), of(0.03), of(0.2)], [Some("A4"), Some("A3"), None]);
         let grid = svg(&Board::april_grid((6, 4), 0.03, 0.3, 2).unwrap());
         assert!(grid.contains("--pattern aprilgrid --board 6x4 --square-mm 30 --tag-spacing 0.3"), "{grid}");
     }

@@ -11,7 +11,7 @@ pub const HELP: &str = "Examples:
   lookout calibrate pictures --board 9x6 --square-mm 24.23 -o rig.toml
   lookout calibrate pictures --board 9x6 --square-mm 24.23 -o rig.toml --report report
   lookout calibrate pictures --board 8x5 --square-mm 30 -o rig.toml --lens radial3 --json
-  lookout calibrate pictures --pattern charuco --board 10x7 --square-mm 24 --marker-mm 18 \\
+  lookout calibrate pictures --pattern charuco --board 10x7 --square-mm 22 --marker-mm 16.5 \\
       --dictionary 5x5_100 --lens fisheye -o rig.toml
   lookout calibrate pictures --pattern aprilgrid --board 6x6 --square-mm 88 --tag-spacing 0.3 -o rig.toml
   lookout calibrate --live --board 9x6 --square-mm 24.23 -o rig.toml        from the running daemon

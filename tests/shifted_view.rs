@@ -92,7 +92,8 @@ impl Set {
         let mut sums = [(Vector2::zeros(), 0.0); 2];
         for (i, a) in self.pairs.iter().enumerate() {
             for (j, b) in self.pairs.iter().enumerate().take(i) {
-                let apart = a.left.iter().zip(&b.left).map(|(p, q)| (p - q).norm_squared()).sum::<f64>();
+                let both = a.left.iter().flatten().zip(b.left.iter().flatten());
+                let apart = both.map(|(p, q)| (p - q).norm_squared()).sum::<f64>();
                 let squares = (c.views[i].shift_px - c.views[j].shift_px).map(|d| d * d);
                 let is_near = (apart / a.left.len() as f64).sqrt() <= NEAR_PX;
                 for (sum, count) in &mut sums[if is_near { 0 } else { 1 }..] {

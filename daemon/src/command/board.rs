@@ -53,11 +53,11 @@ pub struct BoardArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum PatternChoice {
-    /// Black and white squares; each picture must show all of them
+    /// Black and white squares; seen whole
     Chessboard,
     /// A chessboard with a marker in each white square (OpenCV)
     Charuco,
-    /// A grid of AprilTags 36h11 with squares at their corners (Kalibr)
+    /// Kalibr's grid of AprilTags 36h11
     Aprilgrid,
 }
 

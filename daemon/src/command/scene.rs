@@ -31,7 +31,7 @@ pub struct SceneCommand {
     /// With --pairs: their number
     #[arg(long, value_name = "N", default_value_t = 10, requires = "pairs", value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub count: u64,
-    /// With --pairs: take every N-th pair of the scene
+    /// With --pairs: take every N-th pair
     #[arg(long, value_name = "N", default_value_t = 5, requires = "pairs", value_parser = clap::value_parser!(u64).range(1..=10_000))]
     pub every: u64,
 }

@@ -110,8 +110,10 @@ impl From<LensChoice> for Lens {
 /// What rectified images show.
 #[derive(Args, Clone, Copy, Debug)]
 pub struct CropArgs {
-    /// Field of view of the rectified images: valid shows only what both cameras see (100 degrees at
-    /// most), full shows every pixel, same keeps the scale
+    /// Field of view of the rectified images
+    ///
+    /// valid shows only what both cameras see (100 degrees at most), full shows every pixel (140 degrees at
+    /// most), same keeps the scale of the cameras.
     #[arg(long, value_enum, default_value_t = CropChoice::Valid)]
     pub crop: CropChoice,
     /// Horizontal field of view of the rectified images, in degrees, in place of --crop: for wide-angle

@@ -143,6 +143,7 @@ impl Board {
             return Err(BoardError::Square { square_m });
         }
         match pattern {
+            // A little more than it says: both sides are measured.
             Pattern::Charuco { marker_share, .. } if !(0.3..=0.805).contains(&marker_share) => {
                 return Err(BoardError::Marker { share: marker_share });
             }

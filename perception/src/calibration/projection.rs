@@ -70,7 +70,7 @@ impl ProjectionUncertainty {
         let seen = ray * distance_m.min(FAR_M);
         let projection = camera.project_with_derivatives(&seen)?;
         let n = self.lens.parameters();
-        let mut slopes = SMatrixDynamic::zeros(self.covariance.nrows());
+        let mut slopes = Slopes::zeros(self.covariance.nrows());
         slopes.columns_mut(side * n, n).copy_from(&projection.by_parameters.columns(0, n));
         // In the left camera's coordinates, in which the boards are.
         let (point, by_point) = if side == 0 {
@@ -117,7 +117,7 @@ impl ProjectionUncertainty {
 }
 
 /// Two rows of derivatives with respect to the shared parameters.
-type SMatrixDynamic = nalgebra::OMatrix<f64, nalgebra::U2, nalgebra::Dyn>;
+type Slopes = nalgebra::OMatrix<f64, nalgebra::U2, nalgebra::Dyn>;
 
 #[cfg(test)]
 mod tests {

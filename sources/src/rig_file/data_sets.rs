@@ -1,7 +1,7 @@
 //! Calibrations as data sets have them: KITTI's raw drives (`calib_cam_to_cam.txt`) and EuRoC (`sensor.yaml`).
 
 use super::calibration::Calibration;
-use super::values::{Cameras, camera, fisheye, numbers, pixels, turn};
+use super::values::{Cameras, camera, numbers, pinhole, pixels, turn};
 use super::yaml::Value;
 use super::{RigFile, check_camera};
 use nalgebra::{Rotation3, Vector3};
@@ -72,31 +72,16 @@ fn size_of(text: &str, key: &str) -> Result<(usize, usize), String> {
     Ok((pixels(w)?, pixels(h)?))
 }
 
-/// Reads the `sensor.yaml` of two cameras of EuRoC: pinhole, radial-tangential, with the pose of each in the body.
+/// Reads the `sensor.yaml` of two cameras of EuRoC: pinhole, radial-tangential or equidistant, with the pose of each in the body.
 pub(super) fn sensors(documents: &[Value]) -> Result<Cameras, String> {
     let [left, right] = documents else {
         return Err("a sensor.yaml holds one camera: give the left and the right one".into());
     };
     let one = |d: &Value| -> Result<_, String> {
-        let word = |name: &str| d.get(name).and_then(Value::word).unwrap_or("");
-        let not = |name: &str, supported: &str| {
-            format!("{name} is \"{}\": {supported} is supported", excerpt(word(name), VALUE_CHARS))
-        };
-        if word("camera_model") != "pinhole" {
-            return Err(not("camera_model", "pinhole"));
-        }
-        let lens = match word("distortion_model") {
-            "radial-tangential" => camera,
-            "equidistant" => fisheye,
-            _ => return Err(not("distortion_model", "radial-tangential or equidistant")),
-        };
-        let [fx, fy, cx, cy] = numbers(d, "intrinsics")?;
-        let distortion: [f64; 4] = numbers(d, "distortion_coefficients")?;
-        let [w, h] = numbers(d, "resolution")?;
+        let (camera, size) = pinhole(d, "radial-tangential", "distortion_coefficients")?;
         let m: [f64; 16] = numbers(d, "T_BS")?;
         let rotation = turn(&[m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]], "T_BS")?;
-        let camera = lens(&[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0], &distortion)?;
-        Ok((camera, rotation, Vector3::new(m[3], m[7], m[11]), (pixels(w)?, pixels(h)?)))
+        Ok((camera, rotation, Vector3::new(m[3], m[7], m[11]), size))
     };
     let (l, r) = (one(left)?, one(right)?);
     if l.3 != r.3 {

@@ -2,7 +2,7 @@
 //! are converted to two cameras, in metres, left to right.
 
 use super::calibration::Calibration;
-use super::values::{Cameras, camera, fisheye, numbers, pixels, turn};
+use super::values::{Cameras, camera, fisheye, numbers, pinhole, pixels, turn};
 use super::yaml::{self, Value};
 use super::{RigFile, check_camera, data_sets, rows, write_atomically};
 use crate::{SourceError, calibration_file, calibration_text};
@@ -206,22 +206,7 @@ fn ros(documents: &[Value]) -> Result<Cameras, String> {
 fn kalibr(document: &Value) -> Result<Cameras, String> {
     let one = |key: &str| -> Result<(Camera, (usize, usize)), String> {
         let c = document.get(key).ok_or_else(|| format!("{key} is missing: two cameras are required"))?;
-        let word = |name: &str| c.get(name).and_then(Value::word).unwrap_or("");
-        let not = |name: &str, supported: &str| {
-            format!("{key}: {name} is \"{}\": {supported} is supported", excerpt(word(name), VALUE_CHARS))
-        };
-        if word("camera_model") != "pinhole" {
-            return Err(not("camera_model", "pinhole"));
-        }
-        let lens = match word("distortion_model") {
-            "radtan" => camera,
-            "equidistant" => fisheye,
-            _ => return Err(not("distortion_model", "radtan or equidistant")),
-        };
-        let [fx, fy, cx, cy] = numbers(c, "intrinsics")?;
-        let d: [f64; 4] = numbers(c, "distortion_coeffs")?;
-        let [w, h] = numbers(c, "resolution")?;
-        Ok((lens(&[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0], &d)?, (pixels(w)?, pixels(h)?)))
+        pinhole(c, "radtan", "distortion_coeffs").map_err(|reason| format!("{key}: {reason}"))
     };
     let (left, right) = (one("cam0")?, one("cam1")?);
     if left.1 != right.1 {

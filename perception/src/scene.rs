@@ -45,16 +45,21 @@ use crate::detection::stixel_use::StixelUse;
 use crate::detection::stixels::Stixels;
 use crate::detection::{ObstacleDetector, RegionParameters};
 use crate::free_space::FreeSpaceFinder;
-use crate::free_space::boundary::Boundary;
+use crate::free_space::boundary::{Boundary, Side};
+use crate::free_space::corridor::Corridor;
+use crate::free_space::limits::{LOW_HEIGHT_M, MAX_BEHIND_M, TOP_STEP_M};
 use crate::free_space::road_view::RoadView;
 use crate::free_space::sectors::FreeSector;
-use crate::motion::planar::PlanarStep;
+use crate::motion::planar::{Planar, PlanarStep};
 use crate::region::Region;
 use crate::rig::Rig;
 use crate::road::edges::Edges;
 use crate::road::histogram::VDisparity;
 use crate::road::surface::RoadSurface;
 use crate::road::{RoadEstimator, RoadModel, RoadParameters};
+
+/// Places on each stretch of an outline that are compared with the own path: a thing of 12 m does not reach across it unseen.
+const PATH_STEPS: u8 = 8;
 
 /// Parameters of the road model and of obstacle detection.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,6 +99,34 @@ pub struct Scene<'a> {
     pub verifier: Option<Verifier<'a>>,
     /// Boundaries beside the path, nearest first.
     pub boundaries: &'a [Boundary],
+    /// The own path.
+    pub corridor: Corridor,
+}
+
+impl Scene<'_> {
+    /// By how much a thing of this height, with this outline on the ground in metres right and ahead, stands before the wall beside the
+    /// path of which it may be a part, in metres. `None` where there is none that is higher than vehicles and people and goes on
+    /// behind all of the thing, where the thing ends below its top, behind it, and in the own path.
+    pub fn before_wall_m(&self, outline_m: &[Planar], height_m: f64) -> Option<f64> {
+        let is_in_path = |pair: &[Planar]| {
+            let between = |share: f64| [0, 1].map(|i| pair[0][i] + share * (pair[1][i] - pair[0][i]));
+            (0..=PATH_STEPS).any(|k| self.corridor.contains(between(f64::from(k) / f64::from(PATH_STEPS))))
+        };
+        if height_m < LOW_HEIGHT_M || outline_m.windows(2).any(is_in_path) {
+            return None;
+        }
+        let beside = self.boundaries.iter().filter(|boundary| boundary.side != Side::Across);
+        let most = beside.filter_map(|boundary| {
+            let nothing = [f64::NEG_INFINITY, 0.0];
+            let [before_m, wall_m] = outline_m.iter().try_fold(nothing, |most, place| {
+                let meeting = boundary.before_m(*place)?;
+                Some(if meeting[0] > most[0] { meeting } else { most })
+            })?;
+            let is_as_high = wall_m >= LOW_HEIGHT_M && height_m >= wall_m - TOP_STEP_M;
+            (is_as_high && before_m >= -MAX_BEHIND_M).then_some(before_m)
+        });
+        most.reduce(f64::min)
+    }
 }
 
 /// Detects road and obstacle regions in disparity maps of one size; memory is allocated once.
@@ -183,6 +216,7 @@ impl SceneDetector {
                 free,
                 edges,
                 boundaries: &[],
+                corridor: self.free_space.corridor(),
                 verifier: None,
             };
         };
@@ -195,7 +229,8 @@ impl SceneDetector {
         self.free_space.update(self.obstacles.stixels(), road, regions);
         let (free, boundaries) = (self.free_space.sectors(), self.free_space.boundaries());
         let profile_px = profile.disparity_px();
-        Scene { road: Some(model), profile_px, regions, free, edges, boundaries, verifier }
+        let corridor = self.free_space.corridor();
+        Scene { road: Some(model), profile_px, regions, free, edges, boundaries, corridor, verifier }
     }
 }
 

@@ -1,5 +1,7 @@
 //! A boundary beside the path: a wall, a hedge, a fence, a guard rail, the fronts of houses, as a curve on the ground.
 
+use crate::motion::planar::Planar;
+
 /// Maximum number of points of a boundary.
 pub const MAX_POINTS: usize = 24;
 
@@ -98,6 +100,14 @@ impl Boundary {
                 line_m,
             })
         })
+    }
+
+    /// By how much a place, in metres right and ahead of the camera, stands before it on the camera's side, measured across it, in
+    /// metres, and its height there; negative behind it. `None` where the ray to the place does not meet it.
+    pub fn before_m(&self, [right_m, ahead_m]: Planar) -> Option<[f64; 2]> {
+        let meeting = self.meet(right_m / ahead_m.max(1e-3))?;
+        let before_m = meeting.line_m * (1.0 - ahead_m / meeting.distance_m.max(1e-3));
+        Some([before_m, meeting.height_m])
     }
 }
 

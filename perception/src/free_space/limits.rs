@@ -42,6 +42,11 @@ pub const MIN_LENGTH_M: f64 = 8.0;
 /// No vehicle that is lower than this (metres) is as long as [`MIN_LENGTH_M`].
 pub const LOW_HEIGHT_M: f64 = 2.2;
 
+/// A part of a wall that is higher than [`LOW_HEIGHT_M`], and which is so itself, ends at most this far below its top, in metres;
+pub const TOP_STEP_M: f64 = 0.4;
+/// and what is farther behind the face of a wall than this, in metres, is something else.
+pub const MAX_BEHIND_M: f64 = 0.4;
+
 /// Longest vehicle, in metres (lorry with trailer): what is higher than [`LOW_HEIGHT_M`] has to be longer.
 pub const LONGEST_VEHICLE_M: f64 = 19.0;
 

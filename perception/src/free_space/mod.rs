@@ -50,6 +50,8 @@ use track::TrackList;
 pub struct FreeSpaceFinder {
     rig: Rig,
     path_width_m: f64,
+    /// The own path in the last frame.
+    corridor: Corridor,
     min_height_m: f64,
     grid: GroundGrid,
     raised: RaisedGround,
@@ -67,6 +69,7 @@ impl FreeSpaceFinder {
         let grid = GroundGrid::new(rig, stixels);
         Self {
             path_width_m,
+            corridor: Corridor::new(path_width_m, None),
             min_height_m: regions.min_height_m,
             raised: RaisedGround::new(&grid),
             curves: CurveFinder::new(rig, stixels),
@@ -91,6 +94,11 @@ impl FreeSpaceFinder {
         self.tracks.boundaries()
     }
 
+    /// The own path in the last frame.
+    pub fn corridor(&self) -> Corridor {
+        self.corridor
+    }
+
     /// What each stixel of the last frame is used for.
     pub fn uses(&self) -> &[StixelUse] {
         &self.uses
@@ -111,6 +119,7 @@ impl FreeSpaceFinder {
         elapsed_s: f64,
     ) {
         let corridor = Corridor::new(self.path_width_m, step);
+        self.corridor = corridor;
         self.mark_raised_ground(stixels, road);
         let curves = self.curves.find(stixels, &self.uses, road.surface.noise_px());
         self.tracks.update(curves, step, elapsed_s, &corridor);

@@ -357,3 +357,33 @@ fn a_sliver_of_ground_is_not_free_space() {
     assert!(sector(&seen.free, 0.0, 10.0).far_m > 20.0);
     assert!(seen.free[50..].iter().all(|sector| sector.far_m == 0.0), "{:?}", &seen.free[50..]);
 }
+
+#[test]
+fn what_is_flush_with_a_wall_and_as_high_may_be_a_part_of_it() {
+    let front = Solid([5.0, 5.3, 2.0, 60.0, 0.0, 3.4]);
+    let map = map(&[front], 1);
+    let confidence = vec![255; map.len()];
+    let mut detector = detector(false);
+    let scene = detector
+        .detect(DepthView::new(DisparityView::new(&map, SIZE.0, SIZE.1).unwrap(), &confidence).unwrap());
+    // A door case 12 to 12.6 m ahead that reaches out by this much.
+    let before_m = |out_m: f64, height_m: f64| {
+        scene.before_wall_m(&[[5.0 - out_m, 12.0], [5.0 - out_m, 12.6]], height_m)
+    };
+    for out_m in [-0.25, 0.0, 0.3, 1.0] {
+        let seen_m = before_m(out_m, 2.9).expect("beside the wall");
+        assert!((seen_m - out_m).abs() < 0.15, "{out_m} {seen_m}");
+    }
+    assert_eq!(before_m(-1.0, 2.9), None, "behind it");
+    assert_eq!(before_m(0.1, 1.8), None, "a person ends below its top");
+    assert_eq!(scene.before_wall_m(&[[1.0, 12.0], [5.0, 12.0]], 2.9), None, "in the own path");
+    assert_eq!(scene.before_wall_m(&[[-5.0, 12.0], [4.9, 12.0]], 2.9), None, "a lorry across the path");
+    assert_eq!(scene.before_wall_m(&[[-5.0, 12.0], [-4.0, 12.0]], 2.9), None, "no wall there");
+    assert_eq!(scene.before_wall_m(&[[4.9, 58.0], [6.5, 75.0]], 2.9), None, "beyond the end of the wall");
+    // Of a wall that is not higher than vehicles nothing tells what stands before it.
+    let low = see(&[WALL]);
+    assert_eq!(low.boundaries.len(), 1);
+    let map = super::tests::map(&[WALL], 1);
+    let view = DepthView::new(DisparityView::new(&map, SIZE.0, SIZE.1).unwrap(), &confidence).unwrap();
+    assert_eq!(detector.detect(view).before_wall_m(&[[5.0, 12.0], [5.0, 12.6]], 2.9), None);
+}

@@ -182,3 +182,27 @@ fn a_fence_whose_box_moves_stands_as_its_points_do() {
     assert!(without.1 == Movement::Moving && without.0[0] > 1.0, "the box alone moves: {without:?}");
     assert!(with.1 != Movement::Moving && with.0.iter().all(|v| v.abs() < 0.6), "{with:?}");
 }
+
+#[test]
+fn the_side_of_a_parked_car_that_is_passed_is_nothing_new() {
+    // Numbers of the tracks that begin after a car 1.6 to 3.4 m to the right has come near, with slivers of this place beside the
+    // axis, so far behind its near side.
+    let begun = |has_car: bool, sides_m: [f64; 2], behind_m: f64| {
+        let (mut drive, mut begun) = (Drive::new(3), 0);
+        for frame in 0..34 {
+            let near_m = 30.0 - OWN_M_S * f64::from(frame) * PERIOD_S;
+            if has_car && near_m > 3.3 {
+                drive.see(near_m, [1.6, 3.4]);
+                continue;
+            }
+            let before = drive.tracker.next_id;
+            drive.see(near_m + behind_m, if near_m > 3.3 { [40.0, 41.0] } else { sides_m });
+            begun += drive.tracker.next_id - before;
+        }
+        begun
+    };
+    let side_m = [1.5, 1.8];
+    assert_eq!((begun(true, side_m, 2.5), begun(false, side_m, 2.5)), (0, 1), "its side");
+    assert_eq!(begun(true, [-0.3, 0.3], 2.5), 1, "what is in the path");
+    assert_eq!(begun(true, side_m, 6.0), 1, "what stands behind it");
+}

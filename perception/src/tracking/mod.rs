@@ -8,6 +8,9 @@
 //! With the vehicle's own motion tracks are predicted along with it, their speeds are over ground, and each says whether it
 //! stands or moves ([`filter::ground`]).
 //!
+//! A track that is part of a wall ([`Track::is_part_of_boundary`]) is no thing of its own: whoever tells tracks leaves it out. What is
+//! left of a car that is passed begins none (`passing`).
+//!
 //! A gap or a step back in time ([`crate::frame_clock`]) ends all tracks; a repeated time changes none.
 //!
 //! Sightings are assigned to tracks by minimum total cost ([`assign`]); what remains may be parts of a thing or the birth of a
@@ -16,6 +19,7 @@
 
 pub mod assign;
 mod association;
+mod boundary_part;
 pub mod classification;
 pub mod classification_schedule;
 pub mod detection_rate;
@@ -24,6 +28,7 @@ pub mod extent;
 pub mod filter;
 pub mod image_motion;
 pub mod parameters;
+mod passing;
 mod registration;
 mod static_points;
 mod track;
@@ -33,7 +38,7 @@ use crate::detection::MIN_EVIDENCE;
 use crate::frame_clock::{FrameClock, TimeStep};
 use crate::motion::Motion;
 use crate::motion::body::Body;
-use crate::motion::planar::{OwnRates, PlanarStep};
+use crate::motion::planar::{OwnRates, Planar, PlanarStep};
 use crate::motion::scene_point::ScenePoint;
 use crate::region::Region;
 use crate::rig::Rig;
@@ -43,6 +48,7 @@ use filter::estimate::MIN_DISTANCE_M;
 use filter::ground::Movement;
 pub use parameters::TrackerParameters;
 use parameters::{KEEP_PROBABILITY, MAX_EVIDENCE, UNMATCHED_COST};
+use passing::Passing;
 pub use track::{Obstacle, Track};
 use visibility::{Expected, inside_share, visible_share};
 
@@ -67,12 +73,23 @@ pub struct Frame<'a> {
     pub could_detect: bool,
     /// Looks for a predicted region in both pictures: its evidence, or `None` if they do not tell.
     pub verify: &'a dyn Fn(&Region) -> Option<f64>,
+    /// By how much a thing with this outline on the ground, in metres right and ahead, and this height stands before the wall of
+    /// which it may be a part, in metres; `None` where it can be none.
+    pub before_wall_m: &'a dyn Fn(&[Planar], f64) -> Option<f64>,
 }
 
 impl<'a> Frame<'a> {
     /// A frame of which only the sightings are known.
     pub fn new(time_ns: u64, sightings: &'a [Region]) -> Self {
-        Self { time_ns, sightings, motion: None, points: &[], could_detect: true, verify: &|_| None }
+        Self {
+            time_ns,
+            sightings,
+            motion: None,
+            points: &[],
+            could_detect: true,
+            verify: &|_| None,
+            before_wall_m: &|_, _| None,
+        }
     }
 }
 
@@ -105,6 +122,7 @@ pub struct Tracker {
     /// Time since the frame before, in ns.
     elapsed_ns: u64,
     rate: DetectionRate,
+    passing: Passing,
 }
 
 impl Tracker {
@@ -129,6 +147,7 @@ impl Tracker {
             own_step: None,
             elapsed_ns: 0,
             rate: DetectionRate::default(),
+            passing: Passing::new(),
         }
     }
 
@@ -145,12 +164,14 @@ impl Tracker {
 
     /// The tracks that count as obstacles.
     pub fn confirmed(&self) -> impl Iterator<Item = &Track> {
-        self.tracks.iter().filter(|track| track.is_confirmed)
+        self.tracks.iter().filter(|track| track.is_confirmed && !track.is_part_of_boundary())
     }
 
-    /// Number of the track to which a sighting of the last frame belongs; 0 if it belongs to none.
+    /// Number of the track to which a sighting of the last frame belongs; 0 if it belongs to none, or to a part of a boundary.
     pub fn track_of(&self, sighting: usize) -> u32 {
-        self.numbers.get(sighting).copied().unwrap_or(0)
+        let number = self.numbers.get(sighting).copied().unwrap_or(0);
+        let is_told = |track: &Track| track.id == number && !track.is_part_of_boundary();
+        if self.tracks.iter().any(is_told) { number } else { 0 }
     }
 
     /// Number of tracks and sightings that were dropped because their numbers meant nothing: not finite, or beyond what
@@ -182,20 +203,24 @@ impl Tracker {
         if step.is_discontinuity() {
             self.tracks.clear();
             self.rate = DetectionRate::default();
+            self.passing.clear();
         }
         let elapsed_s = step.elapsed_s();
         self.elapsed_ns = (elapsed_s * 1e9).round() as u64;
         let sightings = &frame.sightings[..frame.sightings.len().min(MAX_SIGHTINGS)];
         self.predict(elapsed_s, frame.motion);
+        self.passing.advance(self.own_step.as_ref(), elapsed_s);
         self.rate.age(elapsed_s);
         self.assign(sightings);
-        self.take_in(sightings, frame.points, elapsed_s);
+        self.take_in(frame, sightings, elapsed_s);
         self.miss(frame, sightings, elapsed_s);
+        self.tell_parts_of_boundaries(frame, elapsed_s);
         self.join();
         self.judge();
         self.drop_implausible();
         self.forget_numbers();
-        self.begin(sightings);
+        self.passing.remember(&self.tracks, &self.body);
+        self.begin(frame, sightings);
         &self.tracks
     }
 
@@ -267,7 +292,8 @@ impl Tracker {
             let mut is_explained = self.owners[s].is_some() || !region.is_valid();
             if !is_explained {
                 let known = self.tracks.iter().zip(&self.bodies).enumerate();
-                let mut known = known.filter(|(_, (t, _))| t.existence.is_probable());
+                let mut known =
+                    known.filter(|(_, (t, _))| t.existence.is_probable() && !t.is_part_of_boundary());
                 self.owners[s] = known
                     .clone()
                     .find(|(_, (track, body))| association::is_part(track, body, region, &self.rig))
@@ -286,7 +312,7 @@ impl Tracker {
     }
 
     /// Updates each track with its sighting, joined from all parts.
-    fn take_in(&mut self, sightings: &[Region], points: &[ScenePoint], elapsed_s: f64) {
+    fn take_in(&mut self, frame: &Frame<'_>, sightings: &[Region], elapsed_s: f64) {
         let cameras = (self.rig, self.size);
         for (t, (track, body)) in self.tracks.iter_mut().zip(&self.bodies).enumerate() {
             let mut parts =
@@ -303,7 +329,8 @@ impl Tracker {
             track.existence.look(evidence, 1.0, elapsed_s);
             track.update(first, &whole, cameras);
             if self.own.is_some()
-                && let Some(sigma_m_s) = static_points::speed_sigma_m_s(&whole, points, &self.rig, elapsed_s)
+                && let Some(sigma_m_s) =
+                    static_points::speed_sigma_m_s(&whole, frame.points, &self.rig, elapsed_s)
             {
                 track.filter.zero_velocity_update(sigma_m_s);
             }
@@ -318,6 +345,15 @@ impl Tracker {
             // As the vehicle turns by an angle, it sees the sides of a thing turned by it.
             let (width_m, before) = (track.front_m(), track.movement_before);
             track.movement = track.filter.movement(before, own.turning_rad_s() * width_m, width_m);
+        }
+    }
+
+    /// Tells of all tracks, where they are now, whether they are parts of a boundary; of none while the own motion is unknown.
+    fn tell_parts_of_boundaries(&mut self, frame: &Frame<'_>, elapsed_s: f64) {
+        let is_known = self.own.is_some();
+        for track in &mut self.tracks {
+            let before_m = if is_known { before_wall_m(track, frame) } else { None };
+            track.boundary.look(before_m, elapsed_s);
         }
     }
 
@@ -392,7 +428,10 @@ impl Tracker {
                 continue;
             }
             let whole = self.tracks.iter().zip(&self.bodies).position(|(other, other_body)| {
-                other.missed == 0 && association::is_within((track, body), (other, other_body), &self.rig)
+                // Who walks before a wall does not become a part of it.
+                let may_join = !other.is_part_of_boundary() || track.is_part_of_boundary();
+                let is_seen = other.missed == 0 && may_join;
+                is_seen && association::is_within((track, body), (other, other_body), &self.rig)
             });
             let Some(whole) = whole else { continue };
             let older = whole.min(part);
@@ -440,17 +479,21 @@ impl Tracker {
     }
 
     /// Begins tracks with the sightings that nothing explains.
-    fn begin(&mut self, sightings: &[Region]) {
+    fn begin(&mut self, frame: &Frame<'_>, sightings: &[Region]) {
         let cameras = (self.rig, self.size);
         for (s, region) in sightings.iter().enumerate() {
             if !region.is_valid() {
                 self.dropped += 1;
             } else if !self.explained[s]
                 && region.evidence > 0.0
+                && !self.passing.covers(region, &self.body)
                 && self.tracks.len() < self.parameters.max_count
             {
                 let mut track = Track::begin(self.next_id, s, region, cameras, self.own.as_ref());
                 track.is_confirmed = track.existence.probability() >= self.parameters.confirm_probability;
+                if self.own.is_some() {
+                    track.boundary.look(before_wall_m(&track, frame), 0.0);
+                }
                 if track.is_plausible() {
                     self.numbers[s] = track.id;
                     self.next_id = self.next_id.wrapping_add(1).max(1);
@@ -461,6 +504,12 @@ impl Tracker {
             }
         }
     }
+}
+
+/// By how much the outline of a track stands before the wall of which it may be a part, in metres.
+fn before_wall_m(track: &Track, frame: &Frame<'_>) -> Option<f64> {
+    let outline_m = track.extent.outline.points_m([track.lateral_m(), track.distance_m()], track.front_m());
+    (frame.before_wall_m)(&outline_m, track.extent.height_m)
 }
 
 /// Whether most of a thing without a sighting is outside of the area that both cameras see: it has left, and does not come back.

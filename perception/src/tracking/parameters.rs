@@ -83,6 +83,31 @@ pub const TYPICAL_AGREEMENT: f64 = 0.75;
 /// Share of a box that lies within the body of a track if it is a part of that thing.
 pub const BODY_SHARE: f64 = 0.7;
 
+// Parts of boundaries.
+
+/// What is as high as a wall and reaches out of it by less, in metres, is a part of it: a drainpipe, a door case, a bay window.
+pub const FLUSH_M: f64 = 0.25;
+/// A part that reaches out by this much, in metres, is a thing of its own.
+pub const STANDS_BEFORE_M: f64 = 0.4;
+/// Time over which that is averaged, in seconds: some frames, as the face of a wall has errors of a decimetre at 20 m.
+pub const FLUSH_TIME_S: f64 = 0.3;
+
+// Things that are passed.
+
+/// Things nearer than this, in metres, are about to be passed: parts of a side that is seen at a shallow angle come apart.
+pub const PASSING_M: f64 = 8.0;
+/// Smallest width of a thing that may be as long as a car, in metres.
+pub const PASSING_WIDTH_M: f64 = 1.2;
+/// Parts of it are seen from so far behind its near side on and so far, in metres: hardly any car is shorter, and who steps out
+/// behind it is somebody else.
+pub const PASSED_DEPTH_M: [f64; 2] = [0.5, 3.5];
+/// A part may reach beyond the thing by this much, in metres: a mirror,
+pub const PASSED_MARGIN_M: f64 = 0.15;
+/// and this share of its width lies on the thing.
+pub const PASSED_SHARE: f64 = 0.7;
+/// Time for which the ground of a thing is remembered that is not tracked any more, in seconds: at 4 m/s the vehicle passes a car.
+pub const MAX_PASSED_S: f64 = 2.0;
+
 // Extent.
 
 /// Time constant of the sides of a thing, in seconds: faster, and each fragment changes its size; slower, and it lags behind

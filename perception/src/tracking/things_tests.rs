@@ -310,3 +310,31 @@ fn a_closing_speed_is_learnt_at_four_frames_a_second() {
     let track = &tracker.tracks()[0];
     assert!((track.closing_m_s() - 5.0).abs() < 0.5 && track.time_to_collision().is_some(), "{track:?}");
 }
+
+#[test]
+fn parts_of_walls_are_told_from_who_stands_before_them() {
+    // A wall 4 m to the right; a door case in it, and a person who ends below its top.
+    let case = |before_m: f64| sighting(14.0, [4.0 - before_m, 4.6 - before_m], 2.8, 6.0);
+    let person = sighting(13.0, [3.3, 3.8], 1.8, 6.0);
+    let before_wall = |points_m: &[Planar], height_m: f64| {
+        (height_m > 2.5).then(|| points_m.iter().map(|[right_m, _]| 4.0 - right_m).fold(f64::MIN, f64::max))
+    };
+    let mut tracker = tracker();
+    let mut see = |frame: u64, sightings: &[Region]| {
+        let motion = Some(Motion::default());
+        let frame =
+            Frame { motion, before_wall_m: &before_wall, ..Frame::new(frame * 80_000_000, sightings) };
+        tracker.follow(&frame);
+        let told = tracker.tracks().iter().filter(|t| t.is_confirmed && !t.is_part_of_boundary());
+        let numbers = (0..sightings.len()).map(|s| tracker.track_of(s) > 0);
+        (told.map(|t| t.region.height_m).collect::<Vec<_>>(), numbers.collect::<Vec<_>>())
+    };
+    for frame in 0..12 {
+        assert_eq!(see(frame, &[case(0.1)]), (vec![], vec![false]), "frame {frame}");
+    }
+    let seen: Vec<_> = (12..24).map(|frame| see(frame, &[person, case(0.1)])).collect();
+    assert_eq!(seen.last(), Some(&(vec![1.8], vec![true, false])), "{seen:?}");
+    // What comes out of the wall, a gate that opens, is a thing.
+    let seen: Vec<_> = (24..40).map(|frame| see(frame, &[case(0.9)])).collect();
+    assert!(seen.last().is_some_and(|(told, _)| told.contains(&2.8)), "{seen:?}");
+}

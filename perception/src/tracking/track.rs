@@ -1,5 +1,6 @@
 //! One obstacle that is followed from frame to frame.
 
+use super::boundary_part::BoundaryPart;
 use super::existence::Existence;
 use super::extent::{CutSides, Extent, clip};
 use super::filter::ground::{GroundMotion, Movement};
@@ -60,6 +61,8 @@ pub struct Track {
     pub width_jitter: f64,
     /// Whether its image was found again in the last frame in which that was tried.
     pub(super) is_followed: bool,
+    /// Whether it is part of a boundary, and no thing of its own.
+    pub(super) boundary: BoundaryPart,
     /// Whether it moves over ground; unknown while the own motion is.
     pub movement: Movement,
     /// The same in the frame before.
@@ -98,6 +101,7 @@ impl Track {
             consecutive_frames: 1,
             width_jitter: INITIAL_JITTER,
             is_followed: false,
+            boundary: BoundaryPart::default(),
             seen: 1,
             missed: 0,
             unseen_s: 0.0,
@@ -158,6 +162,11 @@ impl Track {
         self.seen = self.seen.saturating_add(1);
         self.consecutive_frames = self.consecutive_frames.saturating_add(1);
         (self.missed, self.unseen_s) = (0, 0.0);
+    }
+
+    /// Whether it is part of a boundary, and no thing of its own: what moves is none.
+    pub fn is_part_of_boundary(&self) -> bool {
+        self.boundary.is_part() && self.movement != Movement::Moving
     }
 
     /// Whether it was out of sight for so long that what is found in its place may be another thing. One frame without a sighting is

@@ -135,6 +135,7 @@ impl Stage for RoadStage {
             points: self.own_motion.scene_points(),
             could_detect: scene.road.is_some(),
             verify: &|region| Some(verifier?.verify(region)?.evidence()),
+            before_wall_m: &|points_m, height_m| scene.before_wall_m(points_m, height_m),
         });
         if step != TimeStep::Repeated {
             let size = (self.width as u32, self.height as u32);
@@ -164,8 +165,8 @@ impl Stage for RoadStage {
             .limited()
         });
         let road = RoadRecord { tracks_since, ..road };
-        let tracks = self.tracker.tracks();
-        let counts = Counts { regions: scene.regions.len(), tracks: tracks.len() };
+        let tracks = self.tracker.tracks().iter().filter(|track| !track.is_part_of_boundary());
+        let counts = Counts { regions: scene.regions.len(), tracks: tracks.clone().count() };
         let mut writer = output.begin(road, scene.profile_px, counts)?;
         for (i, region) in scene.regions.iter().enumerate() {
             writer.push_region(&record(region, self.tracker.track_of(i)));

@@ -361,7 +361,8 @@ fn a_sliver_of_ground_is_not_free_space() {
 #[test]
 fn what_is_flush_with_a_wall_and_as_high_may_be_a_part_of_it() {
     let front = Solid([5.0, 5.3, 2.0, 60.0, 0.0, 3.4]);
-    let map = map(&[front], 1);
+    let map_of = |solids: &[Solid]| map(solids, 1);
+    let map = map_of(&[front]);
     let confidence = vec![255; map.len()];
     let mut detector = detector(false);
     let scene = detector
@@ -383,7 +384,7 @@ fn what_is_flush_with_a_wall_and_as_high_may_be_a_part_of_it() {
     // Of a wall that is not higher than vehicles nothing tells what stands before it.
     let low = see(&[WALL]);
     assert_eq!(low.boundaries.len(), 1);
-    let map = super::tests::map(&[WALL], 1);
-    let view = DepthView::new(DisparityView::new(&map, SIZE.0, SIZE.1).unwrap(), &confidence).unwrap();
+    let low_map = map_of(&[WALL]);
+    let view = DepthView::new(DisparityView::new(&low_map, SIZE.0, SIZE.1).unwrap(), &confidence).unwrap();
     assert_eq!(detector.detect(view).before_wall_m(&[[5.0, 12.0], [5.0, 12.6]], 2.9), None);
 }

@@ -58,10 +58,22 @@ impl Drive {
 
     /// The same where odometry has found these points.
     fn see_with(&mut self, points: &[ScenePoint], distance_m: f64, sides_m: [f64; 2]) -> Option<Track> {
+        self.see_turning(0.0, points, distance_m, sides_m)
+    }
+
+    /// The same while the vehicle turns with this yaw rate, in rad/s.
+    fn see_turning(
+        &mut self,
+        yaw_rate_rad_s: f64,
+        points: &[ScenePoint],
+        distance_m: f64,
+        sides_m: [f64; 2],
+    ) -> Option<Track> {
         let sightings: Vec<Region> = sighting(&mut self.random, distance_m, sides_m).into_iter().collect();
         let motion = Motion {
             speed_m_s: OWN_M_S,
             speed_sigma_m_s: 0.1,
+            yaw_rate_rad_s,
             yaw_rate_sigma_rad_s: 0.003,
             ..Motion::default()
         };
@@ -187,7 +199,7 @@ fn a_fence_whose_box_moves_stands_as_its_points_do() {
 fn the_side_of_a_parked_car_that_is_passed_is_nothing_new() {
     // Numbers of the tracks that begin after a car 1.6 to 3.4 m to the right has come near, with slivers of this place beside the
     // axis, so far behind its near side.
-    let begun = |has_car: bool, sides_m: [f64; 2], behind_m: f64| {
+    let begun_turning = |yaw_rate_rad_s: f64, has_car: bool, sides_m: [f64; 2], behind_m: f64| {
         let (mut drive, mut begun) = (Drive::new(3), 0);
         for frame in 0..34 {
             let near_m = 30.0 - OWN_M_S * f64::from(frame) * PERIOD_S;
@@ -196,13 +208,17 @@ fn the_side_of_a_parked_car_that_is_passed_is_nothing_new() {
                 continue;
             }
             let before = drive.tracker.next_id;
-            drive.see(near_m + behind_m, if near_m > 3.3 { [40.0, 41.0] } else { sides_m });
+            let (yaw_rate_rad_s, sides_m) =
+                if near_m > 3.3 { (0.0, [40.0, 41.0]) } else { (yaw_rate_rad_s, sides_m) };
+            drive.see_turning(yaw_rate_rad_s, &[], near_m + behind_m, sides_m);
             begun += drive.tracker.next_id - before;
         }
         begun
     };
+    let begun = |has_car: bool, sides_m, behind_m| begun_turning(0.0, has_car, sides_m, behind_m);
     let side_m = [1.5, 1.8];
     assert_eq!((begun(true, side_m, 2.5), begun(false, side_m, 2.5)), (0, 1), "its side");
     assert_eq!(begun(true, [-0.3, 0.3], 2.5), 1, "what is in the path");
     assert_eq!(begun(true, side_m, 6.0), 1, "what stands behind it");
+    assert!(begun_turning(-0.6, true, side_m, 2.5) > 0, "in a bend it may lie in the own way");
 }

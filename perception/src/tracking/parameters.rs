@@ -107,6 +107,8 @@ pub const PASSED_MARGIN_M: f64 = 0.15;
 pub const PASSED_SHARE: f64 = 0.7;
 /// Time for which the ground of a thing is remembered that is not tracked any more, in seconds: at 4 m/s the vehicle passes a car.
 pub const MAX_PASSED_S: f64 = 2.0;
+/// In a sharper bend things that are passed may lie in the own way, in 1/m: 8 m ahead it leaves the straight line by a metre.
+pub const MAX_PASSED_CURVATURE_PER_M: f64 = 0.03;
 
 // Extent.
 

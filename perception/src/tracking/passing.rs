@@ -6,7 +6,8 @@
 
 use super::filter::ground::Movement;
 use super::parameters::{
-    MAX_PASSED_S, PASSED_DEPTH_M, PASSED_MARGIN_M, PASSED_SHARE, PASSING_M, PASSING_WIDTH_M,
+    MAX_PASSED_CURVATURE_PER_M, MAX_PASSED_S, PASSED_DEPTH_M, PASSED_MARGIN_M, PASSED_SHARE, PASSING_M,
+    PASSING_WIDTH_M,
 };
 use super::track::Track;
 use crate::motion::body::Body;
@@ -31,12 +32,14 @@ struct Ground {
 #[derive(Debug)]
 pub struct Passing {
     things: Vec<Ground>,
+    /// Whether the own way is so bent that what is beside it straight on may lie in it.
+    is_turning: bool,
 }
 
 impl Passing {
     /// Without things; memory is allocated once.
     pub fn new() -> Self {
-        Self { things: Vec::with_capacity(MAX_THINGS) }
+        Self { things: Vec::with_capacity(MAX_THINGS), is_turning: false }
     }
 
     /// Forgets all things.
@@ -47,6 +50,8 @@ impl Passing {
     /// Moves what is remembered to this frame, `elapsed_s` seconds after the last one; forgets it where the own motion is unknown.
     pub fn advance(&mut self, step: Option<&PlanarStep>, elapsed_s: f64) {
         let Some(step) = step else { return self.clear() };
+        let [right_m, ahead_m] = step.place([0.0, 0.0]);
+        self.is_turning = step.yaw_rad().abs() > MAX_PASSED_CURVATURE_PER_M * right_m.hypot(ahead_m);
         self.things.retain_mut(|ground| {
             let ends = ground.ends_m.map(|right_m| step.place([right_m, ground.near_m]));
             ground.ends_m = ends.map(|[right_m, _]| right_m);
@@ -77,7 +82,8 @@ impl Passing {
     /// Whether a sighting shows the side or the far end of a thing that is passed, and not something in the own way.
     pub fn covers(&self, region: &Region, body: &Body) -> bool {
         let ends_m = region.ends_m();
-        is_beside(ends_m, body)
+        !self.is_turning
+            && is_beside(ends_m, body)
             && self.things.iter().any(|ground| {
                 let [from_m, to_m] = [ground.ends_m[0] - PASSED_MARGIN_M, ground.ends_m[1] + PASSED_MARGIN_M];
                 let inside_m = ends_m[1].min(to_m) - ends_m[0].max(from_m);

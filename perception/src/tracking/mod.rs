@@ -8,7 +8,7 @@
 //! With the vehicle's own motion tracks are predicted along with it, their speeds are over ground, and each says whether it
 //! stands or moves ([`filter::ground`]).
 //!
-//! A track that is part of a wall ([`Track::is_part_of_boundary`]) is no thing of its own: whoever tells tracks leaves it out. What is
+//! A track that is part of a wall ([`Track::is_part_of_boundary`]) is no thing of its own: whoever reports tracks leaves it out. What is
 //! left of a car that is passed begins none (`passing`).
 //!
 //! A gap or a step back in time ([`crate::frame_clock`]) ends all tracks; a repeated time changes none.
@@ -348,7 +348,7 @@ impl Tracker {
         }
     }
 
-    /// Tells of all tracks, where they are now, whether they are parts of a boundary; of none while the own motion is unknown.
+    /// Decides for each track, at its place in this frame, whether it is part of a boundary; none is while the own motion is unknown.
     fn tell_parts_of_boundaries(&mut self, frame: &Frame<'_>, elapsed_s: f64) {
         let is_known = self.own.is_some();
         for track in &mut self.tracks {

@@ -46,9 +46,16 @@ pub struct Candidate {
     pub(super) gap_m: f64,
     /// Whether it is so probably in the way that it may raise a level, and not only keep one.
     pub(super) may_raise: bool,
+    /// Whether only the path is in doubt into which it moves: a warning may be raised, or kept, and nothing else.
+    pub(super) is_doubtful: bool,
 }
 
 impl Candidate {
+    /// Whether it is so probably in the way that it counts as an obstacle there, and not only as one to be warned of.
+    pub fn is_sure(&self) -> bool {
+        !self.is_doubtful
+    }
+
     /// Converts a tracked obstacle.
     pub fn of(tracked: &Tracked) -> Self {
         Self {
@@ -71,6 +78,7 @@ impl Candidate {
             is_approached: true,
             gap_m: tracked.distance_m,
             may_raise: true,
+            is_doubtful: false,
         }
     }
 
@@ -120,7 +128,8 @@ impl Candidate {
             });
         };
         let found = encounter(path, &obstacle);
-        if !found.is_in_the_way(is_held) {
+        let is_doubtful = !found.is_in_the_way(is_held);
+        if is_doubtful && !found.may_be_in_the_way() {
             return None;
         }
         let moves = obstacle.ground.movement == Movement::Moving;
@@ -137,6 +146,7 @@ impl Candidate {
             time_to_collision: ttc,
             is_approached: is_approached && found.is_in_strip(is_held) && !path.is_at_rest(),
             may_raise: found.is_in_the_way(false),
+            is_doubtful,
             ..self
         })
     }

@@ -487,3 +487,51 @@ fn at_rest_only_what_drives_into_us_warns() {
     let rolls = Thing { along_m_s: -6.0, ..car(42.0, 0.0) };
     at_rest(vec![rolls]).assert_alarms("at rest, driven into", 1.4);
 }
+
+#[test]
+fn who_may_be_in_the_way_of_a_turn_raises_a_warning_and_keeps_no_alarm() {
+    let path = |curvature_per_m| SweptPath {
+        curvature_per_m,
+        curvature_sigma_per_m: 0.001,
+        speed_m_s: 5.56,
+        speed_sigma_m_s: 0.1,
+        body: Body::default(),
+        edges: None,
+        is_turning_in: false,
+    };
+    // The walker is where the turn leads, or straight ahead.
+    let walker = |lateral_m, distance_m, speed_m_s: [f64; 2]| Candidate {
+        track: 1,
+        seen: 20,
+        consecutive_frames: 20,
+        distance_m,
+        closing_m_s: 6.0,
+        time_to_collision: Some(TimeToCollision { seconds: distance_m / 6.0, sigma_s: 0.1 }),
+        motion: LateralMotion { lateral_m, width_m: 0.6, ..LateralMotion::default() },
+        ground: Some(GroundMotion {
+            speed_m_s,
+            speed_sigma_m_s: [0.3; 2],
+            place_sigma_m: [0.05, 0.1],
+            movement: Movement::Moving,
+        }),
+        ..Candidate::default()
+    };
+    let turning = || walker(-2.64, 12.4, [-1.5, -0.9]);
+    let mut alarm = Alarm::new(AlarmParameters::default());
+    let step_ns = 80_000_000;
+    let states: Vec<_> = (0..5)
+        .map(|frame| alarm.update_on_path(frame * step_ns, true, Some(path(1.0 / 15.0)), [turning()]))
+        .collect();
+    assert_eq!(states[4].level, AlarmLevel::Warning, "{states:?}");
+    assert_eq!(states[4].nearest_m, None, "it is not said to be in the path: {states:?}");
+    // An alarm that it raised before ends when it only may be in the way.
+    let mut alarm = Alarm::new(AlarmParameters::default());
+    let ahead = || walker(0.0, 6.0, [0.0, -0.5]);
+    let raised =
+        (0..5).map(|frame| alarm.update_on_path(frame * step_ns, true, Some(path(0.0)), [ahead()])).last();
+    assert_eq!(raised.map(|state| state.level), Some(AlarmLevel::Alarm));
+    let later = (5..25)
+        .map(|frame| alarm.update_on_path(frame * step_ns, true, Some(path(1.0 / 15.0)), [turning()]))
+        .last();
+    assert_eq!(later.map(|state| state.level), Some(AlarmLevel::Warning));
+}

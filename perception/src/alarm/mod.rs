@@ -242,11 +242,15 @@ impl Alarm {
                 Some(_) => candidate,
                 None => candidate.seen_at_front(self.parameters.front_m),
             };
-            if nearest.is_none_or(|(distance_m, _)| candidate.distance_m < distance_m) {
+            if candidate.is_sure() && nearest.is_none_or(|(distance_m, _)| candidate.distance_m < distance_m)
+            {
                 nearest = Some((candidate.distance_m, candidate.track));
             }
             if let Some(of) = self.evaluate(&candidate, lead_s)
-                && cause.is_none_or(|c| (of.level, c.candidate.distance_m) > (c.level, candidate.distance_m))
+                && cause.is_none_or(|c| {
+                    let sure = [candidate, c.candidate].map(|candidate| candidate.is_sure());
+                    (of.level, sure[0], c.candidate.distance_m) > (c.level, sure[1], candidate.distance_m)
+                })
             {
                 cause = Some(of);
             }
@@ -293,7 +297,7 @@ impl Alarm {
             counts.copied().unwrap_or(RuleCounts { track: candidate.track, warning: 0, alarm: 0, near: 0 });
         let is_held = |level| self.track == Some(candidate.track) && self.level >= level;
         // What keeps a warning because it may still be in the way raises no alarm.
-        let may = candidate.may_raise || is_held(AlarmLevel::Alarm);
+        let may = candidate.is_sure() && (candidate.may_raise || is_held(AlarmLevel::Alarm));
         // A warning looks farther ahead than a turn that begins is known.
         let may_warn = is_held(AlarmLevel::Warning) || !self.path.is_some_and(|path| path.is_turning_in);
         let alarm = self

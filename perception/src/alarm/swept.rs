@@ -52,6 +52,8 @@ pub struct Encounter {
     pub probability_then: f64,
     /// Probability then of a thing in the middle of the path, known as well.
     pub probability_most: f64,
+    /// Whether more of the doubt is of the own path than of the obstacle, which moves.
+    pub is_path_in_doubt: bool,
     /// Gap between the obstacle and the strip when the vehicle arrives, in metres; negative if they overlap: by so much it
     /// would have to be farther aside. That of the prediction that decides.
     pub clearance_m: f64,
@@ -64,6 +66,13 @@ const STILL_IN_THE_WAY: f64 = 0.5;
 /// What comes from beside must be so near the middle of the path that this share of the largest probability is reached, which it
 /// would have there: what is well measured and passes by half a metre is then not in the way.
 const ENTERING_SHARE: f64 = 0.8;
+/// Where it is the own path that is in doubt, as in a turn whose end nobody knows but the driver, what moves into it is warned of from this
+/// probability on: the driver knows better, and may brake or not. No alarm is raised.
+const PATH_IN_DOUBT: f64 = 0.3;
+/// Fastest of those who are warned of so, in m/s: people and riders, not traffic across whose lane we turn;
+const MAX_RIDER_M_S: f64 = 7.0;
+/// and widest, in metres: a bicycle from the side, not the front of a house that seems to move.
+const MAX_RIDER_M: f64 = 2.2;
 /// Standard deviation of the sides of a box, in metres, beyond that of its centre.
 const SIDE_SIGMA_M: f64 = 0.1;
 /// Longest prediction, in seconds; later nothing is urgent.
@@ -101,6 +110,12 @@ impl Encounter {
         let stays = is_held || self.probability_now >= IN_THE_WAY;
         let enters = IN_THE_WAY.max(ENTERING_SHARE * self.probability_most);
         self.probability_then >= if stays { STILL_IN_THE_WAY } else { enters }
+    }
+
+    /// Whether a warning may be raised for what moves into a path that is in doubt.
+    pub fn may_be_in_the_way(&self) -> bool {
+        self.is_path_in_doubt
+            && self.probability_then >= PATH_IN_DOUBT.max(ENTERING_SHARE * self.probability_most)
     }
 
     /// Whether it is in the strip now and stays there.
@@ -357,7 +372,9 @@ pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
     let probability_now =
         overlap(path, &now, 0.0, own_m2(&now.nearest, 0.0).sqrt().hypot(path.sigma_m(now_m)));
     // Straight on. What comes towards us is met nearer than it is, where less is in doubt of our path.
-    let straight_sigma_m = own_m2(&then.nearest, seconds).sqrt().hypot(path.sigma_m(arrival_m.min(now_m)));
+    let straight_own_m = own_m2(&then.nearest, seconds).sqrt();
+    let straight_path_m = path.sigma_m(arrival_m.min(now_m));
+    let straight_sigma_m = straight_own_m.hypot(straight_path_m);
     let straight = overlap(path, &then, 0.0, straight_sigma_m);
     // Along the path, across its heading at the obstacle.
     let (sine, cosine) = now.nearest.heading_rad.sin_cos();
@@ -371,6 +388,10 @@ pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
     } else {
         (along_path, along_sigma_m, clearance_m(path, &now, across_m_s * seconds))
     };
+    let is_rider = ground.movement == Movement::Moving
+        && obstacle.width_m <= MAX_RIDER_M
+        && ground.speed_m_s[0].hypot(ground.speed_m_s[1]) <= MAX_RIDER_M_S;
+    let is_path_in_doubt = is_rider && is_straight && !keeps_lane && straight_path_m > straight_own_m;
     let [left_m, right_m] = path.reach_m(now.nearest.arc_m);
     let half_m = (left_m + right_m + now.right_m - now.left_m) / 2.0;
     Encounter {
@@ -381,6 +402,7 @@ pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
         probability_now,
         probability_then,
         probability_most: 2.0 * normal_cdf(half_m / sigma_then.max(1e-3)) - 1.0,
+        is_path_in_doubt,
         clearance_m,
     }
 }

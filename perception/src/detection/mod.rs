@@ -13,6 +13,7 @@
 //! 3. [`photometric`]: regions are verified in both images.
 //! 4. [`small_obstacles`]: obstacles too small for the disparity map, from the [`residual`] of both images.
 
+mod concavity;
 pub mod photometric;
 pub mod regions;
 pub mod residual;

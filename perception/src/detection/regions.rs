@@ -1,5 +1,6 @@
 //! Groups stixels into obstacle regions: pixel boxes with a distance.
 
+use super::concavity::Profile;
 use super::photometric::Verifier;
 use super::sides::join_sides;
 use super::stixel_use::StixelUse;
@@ -112,6 +113,12 @@ const MIN_ROW_OVERLAP: f64 = 0.2;
 const MAX_DEPTH_STEP_M: f32 = 0.3;
 /// Largest distance of linked stixels, in strips.
 const LINK_STRIPS: usize = 3;
+/// Things are concave by less than this, in metres: wheel arches, the gap between bonnet and windscreen, a rider's wheels;
+const MIN_CONCAVITY_M: f64 = 0.4;
+/// noise makes a concavity of fewer standard deviations;
+const CONCAVITY_SIGMAS: f64 = 3.0;
+/// and the blur of the matcher one of less than twice that, in px.
+const MIN_CONCAVITY_PX: f64 = 2.0 * DEPTH_BLUR_PX;
 /// Histogram bins per px of disparity for the near side.
 const BINS_PER_PX: usize = 8;
 
@@ -126,6 +133,10 @@ pub struct RegionFinder {
     members: Vec<u32>,
     /// Stixels of a region that are grown once more.
     rest: Vec<u32>,
+    /// Stixels of a region that is split into convex parts, the strips of these, and the outline of one.
+    whole: Vec<u32>,
+    spans: Vec<[u32; 2]>,
+    profile: Profile,
     /// Row counts by disparity of the current region.
     histogram: Vec<u32>,
     regions: Vec<Region>,
@@ -142,6 +153,9 @@ impl RegionFinder {
             stack: Vec::with_capacity(capacity),
             members: Vec::with_capacity(capacity),
             rest: Vec::with_capacity(capacity),
+            whole: Vec::with_capacity(capacity),
+            spans: Vec::with_capacity(stixels.strips()),
+            profile: Profile::with_capacity(stixels.strips()),
             histogram: vec![0; disparities * BINS_PER_PX + 1],
             regions: Vec::with_capacity(CAPACITY),
         }
@@ -212,11 +226,49 @@ impl RegionFinder {
         &self.regions
     }
 
-    /// Adds the region that was grown last, if it may be an obstacle.
+    /// Adds the region that was grown last, split where its outline on the ground turns inwards.
     fn take(&mut self, stixels: &Stixels, surface: &RoadSurface, rig: &Rig, size: (usize, usize)) {
-        if self.regions.len() < CAPACITY
-            && let Some(region) = self.measure(stixels, surface, rig, size)
-        {
+        let list = stixels.list();
+        self.whole.clear();
+        self.whole.append(&mut self.members);
+        // From left to right, the nearest first.
+        self.whole.sort_unstable_by(|a, b| {
+            let (a, b) = (&list[*a as usize], &list[*b as usize]);
+            a.strip.cmp(&b.strip).then(b.disparity_px.total_cmp(&a.disparity_px)).then(a.top.cmp(&b.top))
+        });
+        self.spans.clear();
+        self.spans.push([0, self.whole.len() as u32]);
+        let limit_px = MIN_CONCAVITY_PX.max(CONCAVITY_SIGMAS * surface.noise_px());
+        let limit_m =
+            |distance_m: f64| MIN_CONCAVITY_M.max(limit_px * distance_m * distance_m / rig.disparity_px(1.0));
+        while let Some([from, to]) = self.spans.pop() {
+            let (from, to) = (from as usize, to as usize);
+            self.profile.trace(self.whole[from..to].iter().map(|i| &list[*i as usize]), rig);
+            let corner = self.profile.corner(limit_m).map(|strip| {
+                from + self.whole[from..to].partition_point(|i| list[*i as usize].strip < strip)
+            });
+            // Nothing is lost: both parts are things that may be obstacles, or there is one thing.
+            let mut is_thing = |part: std::ops::Range<usize>| {
+                self.members.clear();
+                self.members.extend_from_slice(&self.whole[part]);
+                self.measure(stixels, surface, rig, size)
+            };
+            match corner {
+                Some(at) if is_thing(from..at).is_some() && is_thing(at..to).is_some() => {
+                    self.spans.push([from as u32, at as u32]);
+                    self.spans.push([at as u32, to as u32]);
+                }
+                _ => {
+                    let region = is_thing(from..to);
+                    self.add(region);
+                }
+            }
+        }
+    }
+
+    /// Adds a region, if it may be an obstacle.
+    fn add(&mut self, region: Option<Region>) {
+        if let Some(region) = region.filter(|_| self.regions.len() < CAPACITY) {
             self.regions.push(region);
         }
     }

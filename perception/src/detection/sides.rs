@@ -15,9 +15,16 @@ use crate::rig::Rig;
 const LENGTH_BY_WIDTH: f64 = 3.0;
 /// Smallest difference of disparity that this length makes where sides are joined, in px.
 const MIN_DEPTH_PX: f64 = 0.75;
-/// Share of the width of a side that lies within the thing, and how far beyond it that may reach, in metres.
+/// Share of the width of a side that lies within the thing.
 const INSIDE_SHARE: f64 = 0.7;
-const MARGIN_M: f64 = 0.25;
+/// How far beyond the thing a part of it may reach, in metres: half of its width, at least what its place errs, at most a mirror or an open
+/// door. Beside the end of a wall that is seen edge on, a margin as wide as a person would take in who comes out from behind it.
+const MARGIN_M: (f64, f64) = (0.1, 0.25);
+
+/// How far beyond a thing of this width a part of it may reach, in metres.
+fn margin_m(width_m: f64) -> f64 {
+    (width_m / 2.0).clamp(MARGIN_M.0, MARGIN_M.1)
+}
 /// Largest gap between the boxes of a thing and its side, in px: two strips.
 const MAX_GAP_PX: u32 = 2 * STRIP_COLUMNS as u32;
 /// A side is at most this much higher than the thing, as a share of its height; nor does it reach as much below its foot.
@@ -52,7 +59,8 @@ fn is_side(far: &Region, near: &Region) -> bool {
     let length_m = BODY_LENGTH_M.min(LENGTH_BY_WIDTH * near.width_m);
     let behind_m = far.distance_m - near.distance_m;
     let ([left_m, right_m], [side_left_m, side_right_m]) = (near.ends_m(), far.ends_m());
-    let inside_m = side_right_m.min(right_m + MARGIN_M) - side_left_m.max(left_m - MARGIN_M);
+    let margin_m = margin_m(right_m - left_m);
+    let inside_m = side_right_m.min(right_m + margin_m) - side_left_m.max(left_m - margin_m);
     let (a, b) = (&near.bounds, &far.bounds);
     let gap = a.x.saturating_sub(b.x + b.width).max(b.x.saturating_sub(a.x + a.width));
     let tolerance = HEIGHT_SHARE * f64::from(a.height);
@@ -130,6 +138,10 @@ mod tests {
             join_sides(&mut regions, &KITTI);
             assert_eq!(regions.len(), 2, "{why}");
         }
+        // The end of a wall that is seen edge on, and who comes out from behind it.
+        let mut wall = vec![face([2.4, 2.6], 4.3, 6.0), face([1.9, 2.8], 6.9, 6.0)];
+        join_sides(&mut wall, &KITTI);
+        assert_eq!(wall.len(), 2);
         // A walker is not as long as a car.
         let mut walkers = vec![face([1.0, 1.5], 6.0, 6.0), face([1.0, 1.5], 8.2, 6.0)];
         join_sides(&mut walkers, &KITTI);

@@ -124,7 +124,9 @@ impl RecognitionStage {
         self.records.clear();
         for obstacle in self.obstacles.iter().take(MAX_COUNT) {
             let candidate = Candidate::of(obstacle);
-            let in_path = candidate.in_the_way(self.path.as_ref(), self.path_width_m, false).is_some();
+            let in_path = candidate
+                .in_the_way(self.path.as_ref(), self.path_width_m, false)
+                .is_some_and(|candidate| candidate.is_sure());
             let clearance_m = candidate.clearance_m(self.path.as_ref(), self.path_width_m);
             let record = obstacle_record(obstacle, in_path, self.class(obstacle.track));
             self.records.push(ObstacleRecord { clearance_m, ..record }.limited());

@@ -372,3 +372,37 @@ fn an_oncoming_car_in_our_lane_is_in_the_way_long_before() {
     assert!(straight.sigma_after_m(38.0, 2.0) < straight.sigma_m(38.0));
     assert!((straight.sigma_after_m(38.0, 38.0 / 11.0) - straight.sigma_m(38.0)).abs() < 1e-12);
 }
+
+/// Who crosses behind a left turn of 15 m radius at 20 km/h, 1.9 s before he is met.
+fn walker_in_a_turn() -> (SweptPath, Obstacle) {
+    let walker = Obstacle {
+        width_m: 0.6,
+        ground: GroundMotion {
+            speed_sigma_m_s: [0.3; 2],
+            place_sigma_m: [0.05, 0.1],
+            ..car([-2.64, 12.4], [-1.5, -0.9], 6.0).ground
+        },
+        ..car([-2.64, 12.4], [-1.5, -0.9], 6.0)
+    };
+    (path(1.0 / 15.0, 5.56), walker)
+}
+
+#[test]
+fn who_walks_into_a_turn_may_be_in_the_way_while_its_end_is_not_known() {
+    let (turn, walker) = walker_in_a_turn();
+    let found = encounter(&turn, &walker);
+    assert!(!found.is_in_the_way(false) && found.may_be_in_the_way(), "{found:?}");
+    // Not what stands there, what is as fast as traffic or as wide as a house, nor on a straight road.
+    let standing = GroundMotion { movement: Movement::Standing, speed_m_s: [0.0; 2], ..walker.ground };
+    let fast = GroundMotion { speed_m_s: [-6.0, -5.0], ..walker.ground };
+    for other in [
+        Obstacle { ground: standing, ..walker },
+        Obstacle { ground: fast, ..walker },
+        Obstacle { width_m: 3.0, ..walker },
+    ] {
+        assert!(!encounter(&turn, &other).may_be_in_the_way(), "{other:?}");
+    }
+    for speed_m_s in [5.56, 14.0] {
+        assert!(!encounter(&path(0.0, speed_m_s), &walker).may_be_in_the_way(), "{speed_m_s}");
+    }
+}

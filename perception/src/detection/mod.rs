@@ -14,6 +14,7 @@
 //! 4. [`small_obstacles`]: obstacles too small for the disparity map, from the [`residual`] of both images.
 
 mod concavity;
+mod evidence;
 pub mod photometric;
 pub mod regions;
 pub mod residual;

@@ -1,6 +1,7 @@
 //! Groups stixels into obstacle regions: pixel boxes with a distance.
 
 use super::concavity::Profile;
+use super::evidence::{evidence, prominence};
 use super::photometric::Verifier;
 use super::sides::join_sides;
 use super::stixel_use::StixelUse;
@@ -69,9 +70,6 @@ pub const MIN_EVIDENCE: f64 = -1.0;
 pub(super) const CAPACITY: usize = 512;
 /// Smallest height of a region, in standard deviations of the height noise.
 const MIN_PROMINENCE: f64 = 1.5;
-/// A smaller difference to the road, in px of disparity, is doubtful: the steps of a matcher on the road are
-/// as large.
-const DOUBTFUL_RISE_PX: f64 = 1.0;
 /// Smallest disparity of a stixel of a region, in px, where its place is computed.
 const MIN_SIDE_PX: f64 = 0.1;
 /// Half-width of the disparity range of one face, in px: the blur of the matcher. Values farther away, as in
@@ -99,8 +97,6 @@ const RAISED_SHARE: f64 = 0.6;
 const MAX_ARTEFACT_WIDTH_PX: u32 = 5 * STRIP_COLUMNS as u32;
 /// Confidence from which a narrow region is not an occlusion artefact.
 const MIN_SURE_CONFIDENCE: f64 = 0.7;
-/// Weights of the evidence: constant, log-odds of the confidence, logarithms of fill, height (m) and pixels.
-const EVIDENCE: [f64; 5] = [-4.0, 1.85, 3.6, 2.1, 1.1];
 /// Below the first value photometric verification is skipped. The second limits the evidence of the disparity
 /// map where verification is available, as it is also large where a textureless surface is measured too near.
 const MIN_MAP_EVIDENCE: f64 = -8.0;
@@ -493,29 +489,9 @@ impl RegionFinder {
     }
 }
 
-/// Log-odds that a region of one frame is an obstacle; it grows with confidence, fill of the box, height and
-/// size. The weights are a logistic regression over regions of the synthetic scenes in six weathers.
-fn evidence(region: &Region, surface: &RoadSurface) -> f64 {
-    let confidence = region.confidence.clamp(0.3, 0.98);
-    let area = f64::from(region.bounds.width) * f64::from(region.bounds.height);
-    let fill = (f64::from(region.pixels) / area.max(1.0)).clamp(0.05, 1.0);
-    let rise_px = prominence(region, surface) * surface.noise_px();
-    EVIDENCE[0]
-        + 3.0 * (rise_px / DOUBTFUL_RISE_PX).min(1.0).ln()
-        + EVIDENCE[1] * (confidence / (1.0 - confidence)).ln()
-        + EVIDENCE[2] * fill.ln()
-        + EVIDENCE[3] * region.height_m.max(0.05).ln()
-        + EVIDENCE[4] * f64::from(region.pixels.max(1)).ln()
-}
-
 /// The use of a stixel; free where none is told.
 fn use_of(uses: &[StixelUse], i: u32) -> StixelUse {
     uses.get(i as usize).copied().unwrap_or_default()
-}
-
-/// Height of a region's top above the road, in standard deviations of the height noise.
-fn prominence(region: &Region, surface: &RoadSurface) -> f64 {
-    region.height_m / surface.height_noise_m(region.disparity_px)
 }
 
 /// Whether two stixels of neighbouring strips belong to one object: similar depth and overlapping rows.

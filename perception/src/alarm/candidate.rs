@@ -46,12 +46,13 @@ pub struct Candidate {
     pub(super) gap_m: f64,
     /// Whether it is so probably in the way that it may raise a level, and not only keep one.
     pub(super) may_raise: bool,
-    /// Whether only the path is in doubt into which it moves: a warning may be raised, or kept, and nothing else.
+    /// Whether it is less probably in the way than an alarm needs, but the path is in doubt (`Encounter::may_be_in_the_way`): it may raise
+    /// or keep a warning, and nothing else.
     pub(super) is_doubtful: bool,
 }
 
 impl Candidate {
-    /// Whether it is so probably in the way that it counts as an obstacle there, and not only as one to be warned of.
+    /// Whether it counts as an obstacle in the path, and is not only warned of.
     pub fn is_sure(&self) -> bool {
         !self.is_doubtful
     }

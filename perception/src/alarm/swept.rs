@@ -52,7 +52,7 @@ pub struct Encounter {
     pub probability_then: f64,
     /// Probability then of a thing in the middle of the path, known as well.
     pub probability_most: f64,
-    /// Whether more of the doubt is of the own path than of the obstacle, which moves.
+    /// Whether a person or rider moves, and more of the variance of the offset is that of the own path than of their place.
     pub is_path_in_doubt: bool,
     /// Gap between the obstacle and the strip when the vehicle arrives, in metres; negative if they overlap: by so much it
     /// would have to be farther aside. That of the prediction that decides.
@@ -66,12 +66,12 @@ const STILL_IN_THE_WAY: f64 = 0.5;
 /// What comes from beside must be so near the middle of the path that this share of the largest probability is reached, which it
 /// would have there: what is well measured and passes by half a metre is then not in the way.
 const ENTERING_SHARE: f64 = 0.8;
-/// Where it is the own path that is in doubt, as in a turn whose end nobody knows but the driver, what moves into it is warned of from this
-/// probability on: the driver knows better, and may brake or not. No alarm is raised.
+/// Where the own path is in doubt, as in a turn whose end only the driver knows, a warning for people and riders who move into it is raised
+/// from this probability on; an alarm is not.
 const PATH_IN_DOUBT: f64 = 0.3;
-/// Fastest of those who are warned of so, in m/s: people and riders, not traffic across whose lane we turn;
+/// They are at most so fast, in m/s: not traffic across whose lane we turn;
 const MAX_RIDER_M_S: f64 = 7.0;
-/// and widest, in metres: a bicycle from the side, not the front of a house that seems to move.
+/// and at most so wide, in metres: a bicycle from the side, not the front of a house that seems to move.
 const MAX_RIDER_M: f64 = 2.2;
 /// Standard deviation of the sides of a box, in metres, beyond that of its centre.
 const SIDE_SIGMA_M: f64 = 0.1;
@@ -112,7 +112,7 @@ impl Encounter {
         self.probability_then >= if stays { STILL_IN_THE_WAY } else { enters }
     }
 
-    /// Whether a warning may be raised for what moves into a path that is in doubt.
+    /// Whether a person or rider is probable enough in a path that is in doubt for a warning, but not for an alarm.
     pub fn may_be_in_the_way(&self) -> bool {
         self.is_path_in_doubt
             && self.probability_then >= PATH_IN_DOUBT.max(ENTERING_SHARE * self.probability_most)

@@ -109,11 +109,12 @@ const MIN_ROW_OVERLAP: f64 = 0.2;
 const MAX_DEPTH_STEP_M: f32 = 0.3;
 /// Largest distance of linked stixels, in strips.
 const LINK_STRIPS: usize = 3;
-/// Things are concave by less than this, in metres: wheel arches, the gap between bonnet and windscreen, a rider's wheels;
+/// A region is split where its outline is concave by more than this, in metres: wheel arches, and the gap between bonnet and windscreen,
+/// are less;
 const MIN_CONCAVITY_M: f64 = 0.4;
-/// noise makes a concavity of fewer standard deviations;
+/// by more than this many standard deviations of the noise;
 const CONCAVITY_SIGMAS: f64 = 3.0;
-/// and the blur of the matcher one of less than twice that, in px.
+/// and by more than this, in px: twice the blur of the matcher.
 const MIN_CONCAVITY_PX: f64 = 2.0 * DEPTH_BLUR_PX;
 /// Histogram bins per px of disparity for the near side.
 const BINS_PER_PX: usize = 8;
@@ -129,9 +130,9 @@ pub struct RegionFinder {
     members: Vec<u32>,
     /// Stixels of a region that are grown once more.
     rest: Vec<u32>,
-    /// Stixels of a region that is split into convex parts, the strips of these, and the outline of one.
+    /// Stixels of the region that is split, from left to right, the ranges of its parts among them, and the outline of a part.
     whole: Vec<u32>,
-    spans: Vec<[u32; 2]>,
+    parts: Vec<[usize; 2]>,
     profile: Profile,
     /// Row counts by disparity of the current region.
     histogram: Vec<u32>,
@@ -150,7 +151,7 @@ impl RegionFinder {
             members: Vec::with_capacity(capacity),
             rest: Vec::with_capacity(capacity),
             whole: Vec::with_capacity(capacity),
-            spans: Vec::with_capacity(stixels.strips()),
+            parts: Vec::with_capacity(stixels.strips()),
             profile: Profile::with_capacity(stixels.strips()),
             histogram: vec![0; disparities * BINS_PER_PX + 1],
             regions: Vec::with_capacity(CAPACITY),
@@ -232,18 +233,17 @@ impl RegionFinder {
             let (a, b) = (&list[*a as usize], &list[*b as usize]);
             a.strip.cmp(&b.strip).then(b.disparity_px.total_cmp(&a.disparity_px)).then(a.top.cmp(&b.top))
         });
-        self.spans.clear();
-        self.spans.push([0, self.whole.len() as u32]);
+        self.parts.clear();
+        self.parts.push([0, self.whole.len()]);
         let limit_px = MIN_CONCAVITY_PX.max(CONCAVITY_SIGMAS * surface.noise_px());
         let limit_m =
             |distance_m: f64| MIN_CONCAVITY_M.max(limit_px * distance_m * distance_m / rig.disparity_px(1.0));
-        while let Some([from, to]) = self.spans.pop() {
-            let (from, to) = (from as usize, to as usize);
+        while let Some([from, to]) = self.parts.pop() {
             self.profile.trace(self.whole[from..to].iter().map(|i| &list[*i as usize]), rig);
             let corner = self.profile.corner(limit_m).map(|strip| {
                 from + self.whole[from..to].partition_point(|i| list[*i as usize].strip < strip)
             });
-            // Nothing is lost: both parts are things that may be obstacles, or there is one thing.
+            // It is split only if both parts may be obstacles, so that nothing is lost.
             let mut is_thing = |part: std::ops::Range<usize>| {
                 self.members.clear();
                 self.members.extend_from_slice(&self.whole[part]);
@@ -251,8 +251,8 @@ impl RegionFinder {
             };
             match corner {
                 Some(at) if is_thing(from..at).is_some() && is_thing(at..to).is_some() => {
-                    self.spans.push([from as u32, at as u32]);
-                    self.spans.push([at as u32, to as u32]);
+                    self.parts.push([from, at]);
+                    self.parts.push([at, to]);
                 }
                 _ => {
                     let region = is_thing(from..to);

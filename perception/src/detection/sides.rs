@@ -17,14 +17,9 @@ const LENGTH_BY_WIDTH: f64 = 3.0;
 const MIN_DEPTH_PX: f64 = 0.75;
 /// Share of the width of a side that lies within the thing.
 const INSIDE_SHARE: f64 = 0.7;
-/// How far beyond the thing a part of it may reach, in metres: half of its width, at least what its place errs, at most a mirror or an open
-/// door. Beside the end of a wall that is seen edge on, a margin as wide as a person would take in who comes out from behind it.
+/// Bounds of how far a side may reach beyond the thing, in metres: the error of its place, and a mirror or an open door. Between them it
+/// is half of the thing's width: who comes out from behind a wall that is seen edge on is no side of it.
 const MARGIN_M: (f64, f64) = (0.1, 0.25);
-
-/// How far beyond a thing of this width a part of it may reach, in metres.
-fn margin_m(width_m: f64) -> f64 {
-    (width_m / 2.0).clamp(MARGIN_M.0, MARGIN_M.1)
-}
 /// Largest gap between the boxes of a thing and its side, in px: two strips.
 const MAX_GAP_PX: u32 = 2 * STRIP_COLUMNS as u32;
 /// A side is at most this much higher than the thing, as a share of its height; nor does it reach as much below its foot.
@@ -59,7 +54,7 @@ fn is_side(far: &Region, near: &Region) -> bool {
     let length_m = BODY_LENGTH_M.min(LENGTH_BY_WIDTH * near.width_m);
     let behind_m = far.distance_m - near.distance_m;
     let ([left_m, right_m], [side_left_m, side_right_m]) = (near.ends_m(), far.ends_m());
-    let margin_m = margin_m(right_m - left_m);
+    let margin_m = ((right_m - left_m) / 2.0).clamp(MARGIN_M.0, MARGIN_M.1);
     let inside_m = side_right_m.min(right_m + margin_m) - side_left_m.max(left_m - margin_m);
     let (a, b) = (&near.bounds, &far.bounds);
     let gap = a.x.saturating_sub(b.x + b.width).max(b.x.saturating_sub(a.x + a.width));

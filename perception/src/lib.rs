@@ -31,6 +31,7 @@ pub mod image_quality;
 pub mod motion;
 pub mod outline;
 pub mod point_cloud;
+pub mod range;
 pub mod recognition;
 pub mod rectify;
 pub mod region;

@@ -199,6 +199,11 @@ impl SceneDetector {
         self.elapsed_s = elapsed_s;
     }
 
+    /// Sets the distance up to which obstacles are sighted, in metres ([`crate::range`]).
+    pub fn set_range_m(&mut self, range_m: f64) {
+        self.obstacles.set_range_m(range_m);
+    }
+
     /// Detects the road in a map, then the obstacles on it.
     ///
     /// # Panics

@@ -5,8 +5,8 @@ use image::{ExtendedColorType, ImageEncoder};
 use messages::header::Header;
 use messages::pipeline::PATH_LENGTH;
 use messages::regions::{RegionRecord, Regions};
-use perception::detection::RegionParameters;
 use perception::point_cloud::{self, PointCloudParameters};
+use perception::range::Range;
 use perception::rig::Rig;
 use perception::stereo::DisparityView;
 use serde::Serialize;
@@ -221,7 +221,7 @@ impl Frame {
         let parameters = PointCloudParameters {
             step: every,
             // As far as things are told from the road by default.
-            max_distance_m: RegionParameters::range_m(&self.rig),
+            max_distance_m: Range::of(&self.rig).slow_m,
             ..PointCloudParameters::default()
         };
         let mut points = Vec::new();

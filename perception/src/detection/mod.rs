@@ -86,6 +86,12 @@ impl ObstacleDetector {
         }
     }
 
+    /// Sets the largest reported distance, in metres.
+    pub fn set_range_m(&mut self, max_distance_m: f64) {
+        self.parameters.max_distance_m = max_distance_m;
+        self.finder.set_range_m(max_distance_m);
+    }
+
     /// Sightings of the last map: what may be obstacles on the road, nearest first.
     pub fn regions(&self) -> &[Region] {
         &self.regions

@@ -32,21 +32,6 @@ pub struct RegionParameters {
     pub confirm: bool,
 }
 
-/// Smallest disparity at which things are told from the road, in px: an error of 0.06 px there, as the matcher's steps cause, is 3.5 %
-/// of the distance.
-const MIN_DISPARITY_PX: f64 = 1.75;
-/// Bounds of the range by the rig, in metres: 3.6 s at 60 km/h, however coarse the disparities are there; and farther away than the
-/// second a car of 1.8 m has a dozen columns even with a good camera.
-const RANGE_M: (f64, f64) = (60.0, 100.0);
-
-impl RegionParameters {
-    /// Range of a rig, in metres: the distance up to which it tells things from the road, but at least 60 m, as with the paper's
-    /// focal length × baseline of 105 px·m.
-    pub fn range_m(rig: &Rig) -> f64 {
-        rig.distance_m(MIN_DISPARITY_PX).clamp(RANGE_M.0, RANGE_M.1)
-    }
-}
-
 impl Default for RegionParameters {
     fn default() -> Self {
         Self {
@@ -156,6 +141,11 @@ impl RegionFinder {
             histogram: vec![0; disparities * BINS_PER_PX + 1],
             regions: Vec::with_capacity(CAPACITY),
         }
+    }
+
+    /// Sets the largest reported distance, in metres.
+    pub(super) fn set_range_m(&mut self, max_distance_m: f64) {
+        self.parameters.max_distance_m = max_distance_m;
     }
 
     /// Groups stixels into regions with evidence of at least [`MIN_EVIDENCE`], in no order. `size` is the width and height of
@@ -280,8 +270,11 @@ impl RegionFinder {
         may_link: impl Fn(StixelUse, StixelUse) -> bool,
     ) {
         let list = stixels.list();
-        let near_m = rig.distance_m(f64::from(list[seed as usize].disparity_px));
-        let min_px = rig.disparity_px(near_m + self.parameters.depth_span_m) as f32;
+        let near_px = list[seed as usize].disparity_px;
+        let near_m = rig.distance_m(f64::from(near_px));
+        // Far away noise spans more than the depth of things.
+        let span_px = near_px - rig.disparity_px(near_m + self.parameters.depth_span_m) as f32;
+        let min_px = near_px - span_px.max(link_noise_px(near_px, surface));
         let px_at_1_m = rig.disparity_px(1.0) as f32;
         self.members.clear();
         self.stack.clear();
@@ -494,11 +487,16 @@ fn use_of(uses: &[StixelUse], i: u32) -> StixelUse {
     uses.get(i as usize).copied().unwrap_or_default()
 }
 
+/// By how much the disparities of two stixels of one face may differ, in px.
+fn link_noise_px(disparity_px: f32, surface: &RoadSurface) -> f32 {
+    0.15 + 2.0 * (surface.noise_px() as f32).min(0.15) + 0.015 * disparity_px
+}
+
 /// Whether two stixels of neighbouring strips belong to one object: similar depth and overlapping rows.
 /// `px_at_1_m` is the disparity at a distance of 1 m.
 fn linked(a: &Stixel, b: &Stixel, surface: &RoadSurface, px_at_1_m: f32) -> bool {
-    let noise = 0.15 + 2.0 * (surface.noise_px() as f32).min(0.15) + 0.015 * a.disparity_px;
-    let tolerance = noise.max(MAX_DEPTH_STEP_M * a.disparity_px * b.disparity_px / px_at_1_m);
+    let noise_px = link_noise_px(a.disparity_px, surface);
+    let tolerance = noise_px.max(MAX_DEPTH_STEP_M * a.disparity_px * b.disparity_px / px_at_1_m);
     let shared = i32::from(a.bottom.min(b.bottom)) + 1 - i32::from(a.top.max(b.top));
     let taller = i32::from((a.bottom - a.top).max(b.bottom - b.top)) + 1;
     let adjacent = f64::from(shared) >= MIN_ROW_OVERLAP * f64::from(taller);

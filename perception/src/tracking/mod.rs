@@ -157,6 +157,11 @@ impl Tracker {
         Self { body, ..self }
     }
 
+    /// Sets the distance beyond which nothing is sighted, in metres ([`crate::range`]).
+    pub fn set_range_m(&mut self, range_m: f64) {
+        self.parameters.max_distance_m = range_m;
+    }
+
     /// All tracks, oldest first.
     pub fn tracks(&self) -> &[Track] {
         &self.tracks

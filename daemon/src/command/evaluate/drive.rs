@@ -8,12 +8,13 @@ use crate::command::error::CommandError;
 use crate::command::left_out::LeftOut;
 use crate::command::own_motion::{frames_used, join, set_recording};
 use crate::in_process::Pipeline;
-use crate::stages::road::parameters::range_m;
+use crate::stages::road::parameters::range;
 use clap::Args;
 use config::Config;
 use indicatif::ProgressBar;
 use messages::alarm::{Faults, OFF, level_name};
 use messages::motion::MotionRecord;
+use perception::range::Range;
 use perception::rig::Rig;
 use sources::motion_file::Trajectory;
 use std::path::{Path, PathBuf};
@@ -289,7 +290,7 @@ fn view(config: &Config, played: &Played) -> View {
         width_px: side(played.size.0),
         height_px: side(played.size.1),
         near_m: played.rig.map_or(0.0, |rig| rig.focal_px * rig.baseline_m / disparities),
-        far_m: played.rig.map_or(0.0, |rig| range_m(config, &rig)),
+        range: played.rig.map_or(Range::fixed(0.0), |rig| range(config, &rig)),
     }
 }
 

@@ -25,6 +25,7 @@ use perception::image::GreyView;
 use perception::image_quality::{TextureMonitor, road_texture};
 use perception::motion::body::Body;
 use perception::motion::planar::PlanarStep;
+use perception::range::Range;
 use perception::region::{PixelBox, Region};
 use perception::rig::Rig;
 use perception::road::edges::Edge;
@@ -54,6 +55,7 @@ pub struct RoadStage {
     body: Body,
     clock: FrameClock,
     rig: Rig,
+    range: Range,
     path_width_m: f64,
     /// Self-check whether the road has enough texture for matching; `None` without `alarm.self_check`.
     texture: Option<TextureMonitor>,
@@ -90,6 +92,7 @@ impl Stage for RoadStage {
             own_motion: OwnMotion::new(config.motion.odometry, format.rig(), (width, height)),
             clock: FrameClock::default(),
             rig: format.rig(),
+            range: parameters::range(config, &format.rig()),
             path_width_m: config.alarm.path_width_m,
             texture: config.alarm.self_check.then(TextureMonitor::default),
             is_sparse: false,
@@ -126,6 +129,9 @@ impl Stage for RoadStage {
         let moved = motion.map(|motion| PlanarStep::of(&motion, &self.body, step.elapsed_s()));
         self.detector.set_own_motion(moved.filter(|_| step.elapsed_s() > 0.0));
         self.detector.set_elapsed_s(step.elapsed_s());
+        let range_m = self.range.at_m(motion.map(|motion| motion.speed_m_s));
+        self.detector.set_range_m(range_m);
+        self.tracker.set_range_m(range_m);
         let scene = self.detector.detect(depth_view);
         let verifier = scene.verifier;
         self.tracker.follow(&Frame {

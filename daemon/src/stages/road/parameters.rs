@@ -3,15 +3,16 @@
 use crate::stages::whole_number::whole;
 use config::Config;
 use perception::detection::RegionParameters;
+use perception::range::Range;
 use perception::rig::Rig;
 use perception::road::{RoadParameters, Shape};
 use perception::scene::SceneParameters;
 use perception::tracking::TrackerParameters;
 
-/// Distance up to which things are detected with a rig, in metres: as configured, or by the rig.
-pub fn range_m(config: &Config, rig: &Rig) -> f64 {
+/// How far things are detected with a rig: as configured, or by the rig.
+pub fn range(config: &Config, rig: &Rig) -> Range {
     let configured_m = config.regions.distance_max_m;
-    if configured_m > 0.0 { configured_m } else { RegionParameters::range_m(rig) }
+    if configured_m > 0.0 { Range::fixed(configured_m) } else { Range::of(rig) }
 }
 
 /// Parameters of the road model and of the regions.
@@ -27,7 +28,7 @@ pub fn scene_parameters(config: &Config, rig: &Rig) -> SceneParameters {
         regions: RegionParameters {
             min_height_m: r.height_min_m,
             max_height_m: r.height_max_m,
-            max_distance_m: range_m(config, rig),
+            max_distance_m: range(config, rig).slow_m,
             min_width_m: r.width_min_m,
             depth_span_m: r.depth_span_m,
             min_pixels: whole(r.pixels_min),
@@ -45,7 +46,7 @@ pub fn tracker_parameters(config: &Config, rig: &Rig) -> TrackerParameters {
         confirm_probability: c.confirm_probability,
         max_unseen_s: c.unseen_max_s,
         min_overlap: c.overlap_min,
-        max_distance_m: range_m(config, rig),
+        max_distance_m: range(config, rig).slow_m,
         max_disparity_px: config.stereo.disparities as f64,
         max_count: messages::track::MAX_TRACKS,
     }
@@ -59,18 +60,9 @@ mod tests {
     fn the_default_configuration_matches_the_defaults_of_the_algorithms() {
         let mut config = Config::default();
         let rig = Rig { focal_px: 900.0, baseline_m: 0.3, cx_px: 640.0, cy_px: 360.0 };
-        assert_eq!((range_m(&config, &rig), config.regions.distance_max_m), (100.0, 0.0));
+        assert_eq!((range(&config, &rig), config.regions.distance_max_m), (Range::of(&rig), 0.0));
         config.regions.distance_max_m = 60.0;
         assert_eq!(scene_parameters(&config, &rig), SceneParameters::default());
         assert_eq!(tracker_parameters(&config, &rig), TrackerParameters::default());
-    }
-
-    #[test]
-    fn the_range_is_that_of_the_rig() {
-        let range_m = |baseline_m, focal_px| {
-            range_m(&Config::default(), &Rig { focal_px, baseline_m, cx_px: 320.0, cy_px: 240.0 })
-        };
-        assert!((range_m(0.12, 879.0) - 60.3).abs() < 0.1, "{}", range_m(0.12, 879.0));
-        assert_eq!((range_m(0.54, 721.0), range_m(0.03, 500.0)), (100.0, 60.0));
     }
 }

@@ -44,6 +44,9 @@ impl Estimate {
     /// The speeds of a new obstacle, of which nothing is known, are those over ground: it may stand.
     pub fn start_over_ground(&mut self, rates: &OwnRates) {
         self.own_rate = rates.at(self.place_m());
+        // Who comes towards us, or drives ahead, is about as fast as we are.
+        let own_m_s = self.own_closing_m_s();
+        self.p[(VZ, VZ)] = self.p[(VZ, VZ)].max(own_m_s * own_m_s);
     }
 
     /// Makes speeds relative to the camera those over ground.

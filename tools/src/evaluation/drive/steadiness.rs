@@ -3,6 +3,7 @@
 
 use super::life::Life;
 use crate::reporting::record::{FrameRecord, ObstacleLine};
+use perception::range::Range;
 use std::collections::BTreeMap;
 
 /// What the cameras see.
@@ -14,8 +15,8 @@ pub struct View {
     pub height_px: u32,
     /// Nearest distance that can be measured, in metres: that of the largest disparity.
     pub near_m: f64,
-    /// Farthest distance that is reported, in metres.
-    pub far_m: f64,
+    /// How far things are reported.
+    pub range: Range,
 }
 
 /// A box this near to the picture's edge is cut by it, in px: stixels are this wide.
@@ -56,8 +57,8 @@ impl View {
         left_px <= EDGE_PX || right_px >= f64::from(self.width_px) - EDGE_PX
     }
 
-    /// Whether a box, moved on by `shares` of its last step, has left the picture or the range.
-    fn has_left(&self, last: &ObstacleLine, before: Option<&ObstacleLine>, shares: f64) -> bool {
+    /// Whether a box, moved on by `shares` of its last step, has left the picture or the range, `far_m` metres.
+    fn has_left(&self, far_m: f64, last: &ObstacleLine, before: Option<&ObstacleLine>, shares: f64) -> bool {
         let moved = |value: fn(&ObstacleLine) -> f64| {
             let now = value(last);
             now + before.map_or(0.0, |before| (now - value(before)) * shares)
@@ -68,15 +69,16 @@ impl View {
         self.is_cut_sideways(left, right)
             || bottom >= f64::from(self.height_px) - EDGE_PX
             || distance_m <= self.near_m * (1.0 + RANGE_SHARE)
-            || distance_m >= self.far_m * (1.0 - RANGE_SHARE)
+            || distance_m >= far_m * (1.0 - RANGE_SHARE)
     }
 
     /// Whether a track that was seen last in this box, and two sightings before each other by `apart` frames, has left.
-    fn explains_end(&self, seen: &Seen<'_>) -> bool {
+    fn explains_end(&self, seen: &Seen<'_>, records: &[FrameRecord]) -> bool {
         let [Some((at, last)), before] = seen.last else { return false };
+        let far_m = self.range.at_m(records[at].motion.speed_m_s);
         let apart = before.map_or(1, |(before, _)| (at - before).max(1)) as f64;
         let before = before.map(|(_, before)| before);
-        self.has_left(last, None, 0.0) || self.has_left(last, before, 1.0 / apart)
+        self.has_left(far_m, last, None, 0.0) || self.has_left(far_m, last, before, 1.0 / apart)
     }
 }
 
@@ -117,7 +119,7 @@ pub fn steadiness(records: &[FrameRecord], view: &View) -> Steadiness {
     for (track, seen) in &tracks {
         // A track that was only predicted while confirmed lives for its first frame.
         let last = seen.last[0].map_or(seen.first, |(frame, _)| frame);
-        let is_lost = !alive.contains(track) && !view.explains_end(seen);
+        let is_lost = !alive.contains(track) && !view.explains_end(seen, records);
         let seconds = records[last].time_s - records[seen.first].time_s + period_s;
         found.lives.push(Life { seconds, is_lost });
     }
@@ -156,7 +158,8 @@ impl Steadiness {
 mod tests {
     use super::*;
 
-    const VIEW: View = View { width_px: 640, height_px: 480, near_m: 2.0, far_m: 60.0 };
+    const VIEW: View =
+        View { width_px: 640, height_px: 480, near_m: 2.0, range: Range { slow_m: 60.0, fast_m: 60.0 } };
 
     fn line(track: u32, x_px: u32, width_px: u32, missed: u32) -> ObstacleLine {
         ObstacleLine {

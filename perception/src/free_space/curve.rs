@@ -8,8 +8,8 @@
 use super::boundary::{Boundary, BoundaryPoint, MAX_POINTS};
 use super::limits::{
     BENDING_RAD, GATE_SIGMAS, HEIGHT_STEP_M, LONGEST_VEHICLE_M, LORRY_GAP_M, LOW_HEIGHT_M, MAX_GAP_M,
-    MAX_HIDDEN_M, MIN_LENGTH_M, RAISED_M, ROUGHNESS_M, STEADY_SHARE, STIXEL_SIGMA_PX, TALL_HEIGHT_M,
-    TALL_LENGTH_M, TALL_SHARE,
+    MAX_HIDDEN_M, MIN_LENGTH_M, MIN_PART_M, RAISED_M, ROUGHNESS_M, STEADY_SHARE, STIXEL_SIGMA_PX,
+    TALL_HEIGHT_M, TALL_LENGTH_M, TALL_SHARE,
 };
 use crate::detection::stixel_use::StixelUse;
 use crate::detection::stixels::{Stixel, Stixels};
@@ -118,6 +118,7 @@ pub struct CurveFinder {
     /// Heights with the length that has them.
     heights: Vec<(f64, f64)>,
     curves: Vec<Boundary>,
+    parts: Vec<Boundary>,
 }
 
 impl CurveFinder {
@@ -129,15 +130,18 @@ impl CurveFinder {
             members: Vec::with_capacity(stixels.strips()),
             heights: Vec::with_capacity(stixels.strips()),
             curves: Vec::with_capacity(MAX_CURVES),
+            parts: Vec::with_capacity(MAX_CURVES),
         }
     }
 
-    /// The curves in the free stixels of a frame with this noise of disparity (px).
-    pub fn find(&mut self, stixels: &Stixels, uses: &[StixelUse], noise_px: f64) -> &[Boundary] {
+    /// The curves in the free stixels of a frame with this noise of disparity (px): those that are boundaries, and those that are too
+    /// short to tell, and may be what is still seen of one.
+    pub fn find(&mut self, stixels: &Stixels, uses: &[StixelUse], noise_px: f64) -> [&[Boundary]; 2] {
         self.visited.clear();
         self.visited.extend(uses.iter().map(|stixel_use| !stixel_use.is_free()));
         self.visited.resize(stixels.list().len(), false);
         self.curves.clear();
+        self.parts.clear();
         for seed in 0..stixels.list().len() {
             if self.visited[seed]
                 || stixels.list()[seed].low_m > MAX_FOOT_M
@@ -150,9 +154,12 @@ impl CurveFinder {
             if self.is_boundary() {
                 let curve = self.curve();
                 self.curves.push(curve);
+            } else if self.parts.len() < MAX_CURVES && self.is_steady(MAX_GAP_M, MIN_PART_M).is_some() {
+                let curve = self.curve();
+                self.parts.push(curve);
             }
         }
-        &self.curves
+        [&self.curves, &self.parts]
     }
 
     fn slope(&self, strip: usize) -> f64 {

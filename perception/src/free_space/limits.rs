@@ -39,6 +39,9 @@ pub const MAX_HIDDEN_M: f64 = 6.0;
 /// and than a van.
 pub const MIN_LENGTH_M: f64 = 8.0;
 
+/// Smallest length of what is known to be part of a boundary, in metres, as it was longer before: enough for its direction.
+pub const MIN_PART_M: f64 = 2.0;
+
 /// No vehicle that is lower than this (metres) is as long as [`MIN_LENGTH_M`].
 pub const LOW_HEIGHT_M: f64 = 2.2;
 

@@ -121,8 +121,9 @@ impl FreeSpaceFinder {
         let corridor = Corridor::new(self.path_width_m, step);
         self.corridor = corridor;
         self.mark_raised_ground(stixels, road);
-        let curves = self.curves.find(stixels, &self.uses, road.surface.noise_px());
-        self.tracks.update(curves, step, elapsed_s, &corridor);
+        let [curves, parts] = self.curves.find(stixels, &self.uses, road.surface.noise_px());
+        self.tracks.update(curves, parts, step, elapsed_s);
+        self.tracks.publish(&corridor);
         self.mark_boundaries(stixels, road.surface.noise_px());
         for (stixel_use, stixel) in self.uses.iter_mut().zip(stixels.list()) {
             // Of what is not higher than road may be, nothing is an obstacle, wherever it is.

@@ -2,7 +2,7 @@
 
 use super::boundary::{Boundary, BoundaryPoint, MAX_BOUNDARIES, Side};
 use super::corridor::Corridor;
-use super::limits::{CONFIRM_S, FORGET_S, GATE_SIGMAS, ROUGHNESS_M};
+use super::limits::{CONFIRM_S, FORGET_S, GATE_SIGMAS, HEIGHT_STEP_M, ROUGHNESS_M};
 use crate::motion::planar::PlanarStep;
 
 /// Nearest distance of a point that is kept, in metres.
@@ -19,6 +19,13 @@ struct Track {
     seen_s: f64,
     unseen_s: f64,
     is_matched: bool,
+}
+
+impl Track {
+    /// Whether it was seen for long enough, where boundaries are confirmed.
+    fn counts(&self, confirm: bool) -> bool {
+        !confirm || self.seen_s >= CONFIRM_S - 1e-6
+    }
 }
 
 /// The boundaries that are followed; memory is allocated once.
@@ -52,13 +59,13 @@ impl TrackList {
         &self.boundaries
     }
 
-    /// Joins the curves of a frame.
+    /// Joins the curves of a frame, and what is still seen of known boundaries.
     pub fn update(
         &mut self,
         curves: &[Boundary],
+        parts: &[Boundary],
         step: Option<PlanarStep>,
         elapsed_s: f64,
-        corridor: &Corridor,
     ) {
         for track in &mut self.tracks {
             track.is_matched = false;
@@ -85,6 +92,10 @@ impl TrackList {
                 self.tracks.push(Track { boundary, seen_s: 0.0, unseen_s: 0.0, is_matched: true });
             }
         }
+        // Where the own motion is unknown, nobody knows that it is the same place.
+        for part in parts.iter().filter(|_| step.is_some()) {
+            self.join_part(part, elapsed_s);
+        }
         for track in self.tracks.iter_mut().filter(|track| !track.is_matched) {
             track.unseen_s += elapsed_s;
             for point in track.boundary.points_mut() {
@@ -92,12 +103,34 @@ impl TrackList {
             }
         }
         self.tracks.retain(|track| track.unseen_s <= FORGET_S && track.boundary.points().len() > 1);
-        self.publish(corridor);
     }
 
-    fn publish(&mut self, corridor: &Corridor) {
+    /// Joins what is still seen of a boundary that counts: it is what it was, though the rest has left the view, or is hidden. It
+    /// becomes no longer by that.
+    fn join_part(&mut self, part: &Boundary, elapsed_s: f64) {
+        let confirm = self.confirm;
+        let is_as_high = |boundary: &Boundary| {
+            (mean_height_m(boundary) - mean_height_m(part)).abs() <= 2.0 * HEIGHT_STEP_M
+        };
+        let known =
+            self.tracks.iter_mut().filter(|track| track.counts(confirm) && is_as_high(&track.boundary));
+        let nearest = known
+            .filter_map(|track| Some((separation_m(part, &track.boundary)?, track)))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((_, track)) = nearest else { return };
+        let mut within = *part;
+        within.clear();
+        for point in part.points().iter().filter(|point| beside(&track.boundary, point).is_some()) {
+            within.push(*point);
+        }
+        track.boundary = joined(&within, &track.boundary, if track.is_matched { 0.0 } else { elapsed_s });
+        (track.is_matched, track.unseen_s) = (true, 0.0);
+    }
+
+    /// Tells [`Self::boundaries`] which of them count, and on which side of the path they are.
+    pub fn publish(&mut self, corridor: &Corridor) {
         self.boundaries.clear();
-        let counts = |track: &&Track| !self.confirm || track.seen_s >= CONFIRM_S - 1e-6;
+        let counts = |track: &&Track| track.counts(self.confirm);
         for track in self.tracks.iter().filter(counts).take(MAX_BOUNDARIES) {
             let mut boundary = track.boundary;
             boundary.side = side(&boundary, corridor);
@@ -106,6 +139,12 @@ impl TrackList {
         let nearest = |b: &Boundary| b.points().iter().map(|p| p.distance_m).fold(f64::INFINITY, f64::min);
         self.boundaries.sort_unstable_by(|a, b| nearest(a).total_cmp(&nearest(b)));
     }
+}
+
+/// Mean height of the points of a boundary, in metres.
+fn mean_height_m(boundary: &Boundary) -> f64 {
+    let points = boundary.points();
+    points.iter().map(|point| point.height_m).sum::<f64>() / points.len().max(1) as f64
 }
 
 /// On which side of the path a boundary stands.

@@ -301,6 +301,19 @@ mod tests {
     }
 
     #[test]
+    fn what_noise_does_not_tell_apart_is_one_region_and_nothing_beyond_the_range_is_one() {
+        // Both halves of a car's rear, a quarter of a px apart: that is more than a car is deep there.
+        let map = map(&[(-0.9, 0.0, 1.5, 48.0), (0.0, 0.9, 1.5, 52.8)], 0.0);
+        let mut detector = detector();
+        let [car] = detector.detect(full_confidence(&map)).regions else { panic!("not one region") };
+        assert!((car.width_m - 1.8).abs() < 0.5, "{car:?}");
+        detector.set_range_m(45.0);
+        assert_eq!(detector.detect(full_confidence(&map)).regions, []);
+        detector.set_range_m(60.0);
+        assert_eq!(detector.detect(full_confidence(&map)).regions.len(), 1);
+    }
+
+    #[test]
     fn front_and_side_of_a_near_car_are_one_region() {
         // The front of a car at 5.5 m and its side along the road up to 7.4 m.
         let mut map = map(&[(-1.9, -1.6, 1.4, 5.5)], 0.0);

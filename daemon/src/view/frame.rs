@@ -220,8 +220,8 @@ impl Frame {
         let every = ((map.as_slice().len() as f64 / POINTS as f64).sqrt() as usize).max(1);
         let parameters = PointCloudParameters {
             step: every,
-            // As far as things are told from the road by default.
-            max_distance_m: Range::of(&self.rig).slow_m,
+            // As far as things are told from the road by default, at any speed.
+            max_distance_m: Range::of(&self.rig).fast_m,
             ..PointCloudParameters::default()
         };
         let mut points = Vec::new();

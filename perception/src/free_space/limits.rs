@@ -39,7 +39,7 @@ pub const MAX_HIDDEN_M: f64 = 6.0;
 /// and than a van.
 pub const MIN_LENGTH_M: f64 = 8.0;
 
-/// Smallest length of what is known to be part of a boundary, in metres, as it was longer before: enough for its direction.
+/// Smallest length of what is still seen of a boundary that was longer before, in metres: enough for its direction.
 pub const MIN_PART_M: f64 = 2.0;
 
 /// No vehicle that is lower than this (metres) is as long as [`MIN_LENGTH_M`].

@@ -2,7 +2,7 @@
 
 use super::boundary::{Boundary, BoundaryPoint, MAX_BOUNDARIES, Side};
 use super::corridor::Corridor;
-use super::limits::{CONFIRM_S, FORGET_S, GATE_SIGMAS, HEIGHT_STEP_M, ROUGHNESS_M};
+use super::limits::{CONFIRM_S, FORGET_S, GATE_SIGMAS, HEIGHT_STEP_M, LOW_HEIGHT_M, ROUGHNESS_M};
 use crate::motion::planar::PlanarStep;
 
 /// Nearest distance of a point that is kept, in metres.
@@ -25,6 +25,16 @@ impl Track {
     /// Whether it was seen for long enough, where boundaries are confirmed.
     fn counts(&self, confirm: bool) -> bool {
         !confirm || self.seen_s >= CONFIRM_S - 1e-6
+    }
+
+    /// Its points have not been seen for a frame more; those that have not been for long are forgotten.
+    fn age(&mut self, elapsed_s: f64) {
+        let before = self.boundary;
+        let aged = before.points().iter().map(|p| BoundaryPoint { unseen_s: p.unseen_s + elapsed_s, ..*p });
+        self.boundary.clear();
+        for point in aged.filter(|point| point.unseen_s <= FORGET_S) {
+            self.boundary.push(point);
+        }
     }
 }
 
@@ -98,33 +108,38 @@ impl TrackList {
         }
         for track in self.tracks.iter_mut().filter(|track| !track.is_matched) {
             track.unseen_s += elapsed_s;
-            for point in track.boundary.points_mut() {
-                point.unseen_s += elapsed_s;
-            }
+            track.age(elapsed_s);
         }
         self.tracks.retain(|track| track.unseen_s <= FORGET_S && track.boundary.points().len() > 1);
     }
 
-    /// Joins what is still seen of a boundary that counts: it is what it was, though the rest has left the view, or is hidden. It
-    /// becomes no longer by that.
+    /// Takes in what is still seen of a high boundary that counts: it is what it was, though the rest has left the view, or is hidden.
+    /// Nothing is added to it. A lower one need not be so long that its rest is too short.
     fn join_part(&mut self, part: &Boundary, elapsed_s: f64) {
         let confirm = self.confirm;
-        let is_as_high = |boundary: &Boundary| {
-            (mean_height_m(boundary) - mean_height_m(part)).abs() <= 2.0 * HEIGHT_STEP_M
+        let is_wall = |track: &Track| {
+            let height_m = mean_height_m(&track.boundary);
+            height_m >= LOW_HEIGHT_M && (height_m - mean_height_m(part)).abs() <= 2.0 * HEIGHT_STEP_M
         };
-        let known =
-            self.tracks.iter_mut().filter(|track| track.counts(confirm) && is_as_high(&track.boundary));
+        let known = self.tracks.iter_mut().filter(|track| track.counts(confirm) && is_wall(track));
         let nearest = known
             .filter_map(|track| Some((separation_m(part, &track.boundary)?, track)))
             .min_by(|a, b| a.0.total_cmp(&b.0));
         let Some((_, track)) = nearest else { return };
-        let mut within = *part;
-        within.clear();
-        for point in part.points().iter().filter(|point| beside(&track.boundary, point).is_some()) {
-            within.push(*point);
+        if !track.is_matched {
+            track.age(elapsed_s);
         }
-        track.boundary = joined(&within, &track.boundary, if track.is_matched { 0.0 } else { elapsed_s });
         (track.is_matched, track.unseen_s) = (true, 0.0);
+        for point in track.boundary.points_mut().iter_mut().filter(|point| point.unseen_s > 0.0) {
+            let Some((across_m, sigma_m, normal)) = beside(part, point) else { continue };
+            if across_m.abs() > GATE_SIGMAS * sigma_m.hypot(point.sigma_m).hypot(ROUGHNESS_M) {
+                continue;
+            }
+            let share = moved_share(point.sigma_m, sigma_m);
+            point.lateral_m -= share * across_m * normal[0];
+            point.distance_m -= share * across_m * normal[1];
+            point.unseen_s = 0.0;
+        }
     }
 
     /// Tells [`Self::boundaries`] which of them count, and on which side of the path they are.
@@ -196,6 +211,12 @@ fn beside(boundary: &Boundary, point: &BoundaryPoint) -> Option<(f64, f64, [f64;
     best
 }
 
+/// Share of the way to a line by which a point moves; both with their standard deviations, in metres.
+fn moved_share(own_sigma_m: f64, line_sigma_m: f64) -> f64 {
+    let (own, other) = (own_sigma_m.powi(2), line_sigma_m.powi(2) + (0.3 * ROUGHNESS_M).powi(2));
+    own / (own + other).max(1e-9)
+}
+
 /// Mean distance of a curve from a boundary where they are side by side; `None` if they are not one.
 fn separation_m(curve: &Boundary, boundary: &Boundary) -> Option<f64> {
     let (mut sum, mut gate, mut count) = (0.0, 0.0, 0.0);
@@ -225,7 +246,7 @@ fn joined(curve: &Boundary, known: &Boundary, elapsed_s: f64) -> Boundary {
         let mut point = *point;
         if let Some((across, sigma_m, normal)) = beside(known, &point) {
             let (own, other) = (point.sigma_m.powi(2), sigma_m.powi(2) + (0.3 * ROUGHNESS_M).powi(2));
-            let share = own / (own + other).max(1e-9);
+            let share = moved_share(point.sigma_m, sigma_m);
             point.lateral_m -= share * across * normal[0];
             point.distance_m -= share * across * normal[1];
             point.sigma_m = (own * other / (own + other).max(1e-9)).sqrt();

@@ -150,8 +150,11 @@ pub const MIN_SIGMA_PX: f64 = 0.04;
 
 // Motion.
 
-/// Initial standard deviation of the closing speed, in m/s; covers standing, preceding and oncoming objects.
+/// Initial standard deviation of the closing speed, in m/s; covers standing, preceding and oncoming objects. If we drive faster, it is
+/// our speed for what is ahead,
 pub const INITIAL_CLOSING_SIGMA_M_S: f64 = 12.0;
+/// at most at this tangent of the angle from the axis: traffic in a lane beside ours 20 m away.
+pub const MAX_TRAFFIC_TANGENT: f64 = 0.2;
 /// Initial standard deviation of the lateral speed, in m/s.
 pub const INITIAL_LATERAL_SIGMA_M_S: f64 = 4.0;
 /// Process noise of the closing speed: spectral density of the acceleration, in m²/s³. Corresponds to a

@@ -129,9 +129,12 @@ impl Stage for RoadStage {
         let moved = motion.map(|motion| PlanarStep::of(&motion, &self.body, step.elapsed_s()));
         self.detector.set_own_motion(moved.filter(|_| step.elapsed_s() > 0.0));
         self.detector.set_elapsed_s(step.elapsed_s());
-        let range_m = self.range.at_m(motion.map(|motion| motion.speed_m_s));
-        self.detector.set_range_m(range_m);
-        self.tracker.set_range_m(range_m);
+        // While the speed is unknown the range stays.
+        if let Some(motion) = motion {
+            let range_m = self.range.at_m(motion.speed_m_s);
+            self.detector.set_range_m(range_m);
+            self.tracker.set_range_m(range_m);
+        }
         let scene = self.detector.detect(depth_view);
         let verifier = scene.verifier;
         self.tracker.follow(&Frame {

@@ -259,7 +259,7 @@ impl Estimate {
                 self.forget(Z, noise);
                 self.forget_stored();
                 if grows {
-                    let unknown = INITIAL_CLOSING_SIGMA_M_S * INITIAL_CLOSING_SIGMA_M_S;
+                    let unknown = self.unknown_closing_m_s().powi(2);
                     self.p[(VZ, VZ)] = self.p[(VZ, VZ)].max(unknown);
                 }
                 self.forget_acceleration();

@@ -9,8 +9,8 @@ use super::Estimate;
 use super::estimate::{Covariance, VX, VZ, X, Z};
 use crate::motion::planar::{OwnRates, Planar, PlanarStep};
 use crate::tracking::parameters::{
-    MAX_STANDING_SIGMA_M_S, MAX_STANDING_SIGMA_SHARE, MOVING_CHI2, STANDING_ACROSS_M_S, STANDING_CHI2,
-    STANDING_SIDES_PER_S, STANDING_SPEED_M_S, WALKING_M_S,
+    INITIAL_CLOSING_SIGMA_M_S, MAX_STANDING_SIGMA_M_S, MAX_STANDING_SIGMA_SHARE, MAX_TRAFFIC_TANGENT,
+    MOVING_CHI2, STANDING_ACROSS_M_S, STANDING_CHI2, STANDING_SIDES_PER_S, STANDING_SPEED_M_S, WALKING_M_S,
 };
 use nalgebra::Matrix2;
 
@@ -44,9 +44,14 @@ impl Estimate {
     /// The speeds of a new obstacle, of which nothing is known, are those over ground: it may stand.
     pub fn start_over_ground(&mut self, rates: &OwnRates) {
         self.own_rate = rates.at(self.place_m());
-        // Who comes towards us, or drives ahead, is about as fast as we are.
-        let own_m_s = self.own_closing_m_s();
-        self.p[(VZ, VZ)] = self.p[(VZ, VZ)].max(own_m_s * own_m_s);
+        self.p[(VZ, VZ)] = self.p[(VZ, VZ)].max(self.unknown_closing_m_s().powi(2));
+    }
+
+    /// Standard deviation of a closing speed of which nothing is known, in m/s: who comes towards us, or drives ahead, is about as fast as
+    /// we are. Things beside the way are not on it.
+    pub(super) fn unknown_closing_m_s(&self) -> f64 {
+        let is_ahead = self.state[X].abs() <= MAX_TRAFFIC_TANGENT * self.state[Z];
+        INITIAL_CLOSING_SIGMA_M_S.max(if is_ahead { self.own_rate[1].abs() } else { 0.0 })
     }
 
     /// Makes speeds relative to the camera those over ground.

@@ -75,7 +75,7 @@ impl View {
     /// Whether a track that was seen last in this box, and two sightings before each other by `apart` frames, has left.
     fn explains_end(&self, seen: &Seen<'_>, records: &[FrameRecord]) -> bool {
         let [Some((at, last)), before] = seen.last else { return false };
-        let far_m = self.range.at_m(records[at].motion.speed_m_s);
+        let far_m = self.range.at_m(records[at].motion.speed_m_s.unwrap_or(0.0));
         let apart = before.map_or(1, |(before, _)| (at - before).max(1)) as f64;
         let before = before.map(|(_, before)| before);
         self.has_left(far_m, last, None, 0.0) || self.has_left(far_m, last, before, 1.0 / apart)
@@ -208,6 +208,14 @@ mod tests {
         for (distance_m, is_lost) in [(2.1, false), (3.0, true), (53.0, true), (55.0, false)] {
             let thing = ObstacleLine { distance_m, ..in_view(1) };
             assert_eq!(lives(vec![vec![thing], vec![], vec![]]), [(1, is_lost)], "{distance_m}");
+        }
+        // The faster, the farther things are reported.
+        let view = View { range: Range { slow_m: 60.0, fast_m: 120.0 }, ..VIEW };
+        for (speed_m_s, is_lost) in [(None, false), (Some(5.0), false), (Some(25.0), true)] {
+            let thing = ObstacleLine { distance_m: 55.0, ..in_view(1) };
+            let mut records = drive(vec![vec![thing], vec![], vec![]]);
+            records.iter_mut().for_each(|record| record.motion.speed_m_s = speed_m_s);
+            assert_eq!(steadiness(&records, &view).lives[0].is_lost, is_lost, "{speed_m_s:?}");
         }
         // One that is not confirmed is no track yet.
         let not_yet = ObstacleLine { confirmed: false, ..in_view(1) };

@@ -23,9 +23,9 @@ const MEETING_S: f64 = 3.2;
 /// The range of a rig.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Range {
-    /// At rest, in metres.
+    /// At low speed, in metres.
     pub slow_m: f64,
-    /// At any speed at most, in metres.
+    /// At the highest speed, in metres.
     pub fast_m: f64,
 }
 
@@ -38,7 +38,7 @@ impl Range {
     }
 
     /// The same distance at any speed, in metres.
-    pub fn fixed(metres: f64) -> Self {
+    pub const fn fixed(metres: f64) -> Self {
         Self { slow_m: metres, fast_m: metres }
     }
 

@@ -49,7 +49,7 @@ table! {
     /// Minimum width of a region; narrower ones are noise.
     width_min_m: Number(0.02, 5.0) in "m" = Region::default().min_width_m;
 
-    /// Maximum extent of a region in depth; longer objects, such as hedges, are split.
+    /// Maximum extent of a region in depth, where noise does not span more; longer objects, such as hedges, are split.
     depth_span_m: Number(0.5, 100.0) in "m" = Region::default().depth_span_m;
 
     /// Minimum number of pixels of a region; smaller ones are noise.

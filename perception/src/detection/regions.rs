@@ -22,7 +22,7 @@ pub struct RegionParameters {
     pub max_distance_m: f64,
     /// Smallest width of a region, in metres.
     pub min_width_m: f64,
-    /// Largest extent of a region in depth, in metres; a long hedge is split.
+    /// Largest extent of a region in depth, in metres, or what noise does not tell apart; a long hedge is split.
     pub depth_span_m: f64,
     /// Fewest pixels of a region.
     pub min_pixels: u32,
@@ -272,7 +272,7 @@ impl RegionFinder {
         let list = stixels.list();
         let near_px = list[seed as usize].disparity_px;
         let near_m = rig.distance_m(f64::from(near_px));
-        // Far away noise spans more than the depth of things.
+        // Far away the noise spans more than a thing is deep.
         let span_px = near_px - rig.disparity_px(near_m + self.parameters.depth_span_m) as f32;
         let min_px = near_px - span_px.max(link_noise_px(near_px, surface));
         let px_at_1_m = rig.disparity_px(1.0) as f32;

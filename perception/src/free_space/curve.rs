@@ -118,6 +118,7 @@ pub struct CurveFinder {
     /// Heights with the length that has them.
     heights: Vec<(f64, f64)>,
     curves: Vec<Boundary>,
+    /// Curves that are too short to be boundaries by themselves.
     parts: Vec<Boundary>,
 }
 

@@ -6,7 +6,8 @@
 //!
 //! 1. [`ground_grid`]: heights above the road by direction and distance; [`raised_ground`]: lawns and pavements among them.
 //! 2. [`curve`]: stixels that continue each other along a wall, a hedge or a guard rail. A boundary is longer than a
-//!    vehicle, goes on without the gaps between parked cars, and has a steady height, or is higher than any vehicle.
+//!    vehicle, goes on without the gaps between parked cars, and has a steady height, or is higher than any vehicle;
+//!    what is still seen of a high one stays one.
 //!    [`track`] filters them over frames. What stands before a boundary (`relief`) is no part of it.
 //! 3. [`sectors`]: the free distance of each direction. Unknown ground is not free.
 //!

@@ -301,18 +301,17 @@ fn own_motion_carries_a_boundary_along() {
     }
 }
 
-/// A wall of this height, 4 m to the right, whose end comes nearer by 0.5 m a frame from 36 m on. From 18 m on a van stands
-/// beyond its end, as high.
-/// Returns, for each frame from the tenth on, the distance of the wall's end, and the length of the boundary there.
-fn pass_a_wall(height_m: f64, is_own_motion_known: bool) -> Vec<(f64, Option<f64>)> {
+/// A wall of 2.4 m, 4 m to the right, whose end comes nearer by 0.5 m a frame from 36 m on. From 18 m on a van stands beyond its
+/// end, as high. Returns, for each frame from the tenth on, the distance of the wall's end and that of the boundary's, in metres.
+fn pass_a_wall(is_own_motion_known: bool) -> Vec<(f64, Option<f64>)> {
     let body =
         Body { width_m: 1.8, front_m: 1.7, camera_right_m: 0.0, rear_axle_m: 1.6, camera_yaw_rad: 0.0 };
     let motion = Motion { speed_m_s: 5.0, ..Motion::default() };
     let mut detector = detector(true);
     let frames = (0..50).map(|frame| {
         let end_m = 36.0 - 0.5 * frame as f64;
-        let wall = Solid([4.0, 4.3, 1.0, end_m, 0.0, height_m]);
-        let van = Solid([4.0, 5.9, end_m + 0.9, end_m + 5.5, 0.0, height_m]);
+        let wall = Solid([4.0, 4.3, 1.0, end_m, 0.0, 2.4]);
+        let van = Solid([4.0, 5.9, end_m + 0.9, end_m + 5.5, 0.0, 2.4]);
         if is_own_motion_known {
             detector.set_own_motion(Some(PlanarStep::of(&motion, &body, 0.1)));
         }
@@ -327,12 +326,12 @@ fn pass_a_wall(height_m: f64, is_own_motion_known: bool) -> Vec<(f64, Option<f64
 
 #[test]
 fn a_high_wall_stays_one_until_its_last_part_is_passed_and_grows_by_nothing() {
-    for (end_m, far_m) in pass_a_wall(2.4, true) {
+    for (end_m, far_m) in pass_a_wall(true) {
         let far_m = far_m.unwrap_or_else(|| panic!("no wall, its end {end_m} m away"));
         assert!(far_m < end_m + 0.7 && far_m > end_m - 4.0, "{far_m} of {end_m} m");
     }
     // Without own motion it might be a lorry, and ends where it is shorter than one.
-    let lost = pass_a_wall(2.4, false);
+    let lost = pass_a_wall(false);
     assert!(lost.iter().any(|(end_m, far_m)| *end_m > 14.0 && far_m.is_none()), "{lost:?}");
 }
 

@@ -27,7 +27,7 @@ impl Track {
         !confirm || self.seen_s >= CONFIRM_S - 1e-6
     }
 
-    /// Its points have not been seen for a frame more; those that have not been for long are forgotten.
+    /// Adds this time to that for which its points have not been seen; drops those beyond [`FORGET_S`].
     fn age(&mut self, elapsed_s: f64) {
         let before = self.boundary;
         let aged = before.points().iter().map(|p| BoundaryPoint { unseen_s: p.unseen_s + elapsed_s, ..*p });
@@ -113,8 +113,8 @@ impl TrackList {
         self.tracks.retain(|track| track.unseen_s <= FORGET_S && track.boundary.points().len() > 1);
     }
 
-    /// Takes in what is still seen of a high boundary that counts: it is what it was, though the rest has left the view, or is hidden.
-    /// Nothing is added to it. A lower one need not be so long that its rest is too short.
+    /// Takes in what is still seen of a boundary at least as high as [`LOW_HEIGHT_M`]: it stays one though the rest has left the view, or
+    /// is hidden. Nothing is added to it. Lower boundaries need not be longer than a lorry, so that their rest is long enough.
     fn join_part(&mut self, part: &Boundary, elapsed_s: f64) {
         let confirm = self.confirm;
         let is_wall = |track: &Track| {

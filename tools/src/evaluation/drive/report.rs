@@ -140,8 +140,7 @@ mod tests {
         };
         let records: Vec<FrameRecord> = (0..60).map(record).collect();
         let reasons = vec![vec!["no road seen".to_owned()]; 60];
-        let view =
-            View { width_px: 640, height_px: 480, near_m: 2.0, range: Range { slow_m: 60.0, fast_m: 60.0 } };
+        let view = View { width_px: 640, height_px: 480, near_m: 2.0, range: Range::fixed(60.0) };
         judge(&straight(60, 8.0), &records, &reasons, &view).tally
     }
 

@@ -328,8 +328,7 @@ mod tests {
     use crate::reporting::record::{AlarmLine, ObstacleLine};
     use perception::range::Range;
 
-    const VIEW: View =
-        View { width_px: 640, height_px: 480, near_m: 2.0, range: Range { slow_m: 60.0, fast_m: 60.0 } };
+    const VIEW: View = View { width_px: 640, height_px: 480, near_m: 2.0, range: Range::fixed(60.0) };
 
     fn record(i: usize, level: &str, obstacles: Vec<ObstacleLine>) -> FrameRecord {
         FrameRecord {

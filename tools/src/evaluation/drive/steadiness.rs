@@ -57,7 +57,7 @@ impl View {
         left_px <= EDGE_PX || right_px >= f64::from(self.width_px) - EDGE_PX
     }
 
-    /// Whether a box, moved on by `shares` of its last step, has left the picture or the range, `far_m` metres.
+    /// Whether a box, moved on by `shares` of its last step, has left the picture, or is farther away than the range `far_m`, in metres.
     fn has_left(&self, far_m: f64, last: &ObstacleLine, before: Option<&ObstacleLine>, shares: f64) -> bool {
         let moved = |value: fn(&ObstacleLine) -> f64| {
             let now = value(last);
@@ -158,8 +158,7 @@ impl Steadiness {
 mod tests {
     use super::*;
 
-    const VIEW: View =
-        View { width_px: 640, height_px: 480, near_m: 2.0, range: Range { slow_m: 60.0, fast_m: 60.0 } };
+    const VIEW: View = View { width_px: 640, height_px: 480, near_m: 2.0, range: Range::fixed(60.0) };
 
     fn line(track: u32, x_px: u32, width_px: u32, missed: u32) -> ObstacleLine {
         ObstacleLine {

@@ -61,6 +61,8 @@ pub struct Region {
     /// By how much the thing itself ends inside of the left and of the right side of the box, in metres: where a side that
     /// runs away from the camera is seen, the box at the near distance reaches farther towards the image centre than it.
     pub inset_m: [f64; 2],
+    /// Whether something nearer hides what is beyond its left and its right side.
+    pub is_hidden: [bool; 2],
     /// Its outline between these ends.
     pub outline: Outline,
     /// Number of obstacle pixels.
@@ -158,6 +160,13 @@ impl Region {
             let ([left_m, right_m], [part_left_m, part_right_m]) = (seen.face_m, of_part.face_m);
             seen.face_m = [left_m.min(part_left_m), right_m.max(part_right_m)];
         }
+        let columns = |bounds: &PixelBox| [bounds.x, bounds.x + bounds.width];
+        let ([left, right], [part_left, part_right]) = (columns(&self.bounds), columns(&part.bounds));
+        for (side, is_outermost) in [part_left < left, part_right > right].into_iter().enumerate() {
+            if is_outermost {
+                self.is_hidden[side] = part.is_hidden[side];
+            }
+        }
         self.bounds = self.bounds.joined(&part.bounds);
         self.width_m = f64::from(self.bounds.width) * self.distance_m / rig.focal_px;
         let middle = f64::from(self.bounds.x) + f64::from(self.bounds.width) / 2.0;
@@ -224,6 +233,7 @@ mod tests {
             width_m: 3.0,
             height_m: 1.5,
             inset_m: [0.0, 1.0],
+            is_hidden: [false; 2],
             outline: Outline::default(),
             pixels: 100,
             confidence: 0.9,
@@ -262,6 +272,7 @@ mod tests {
             width_m: f64::from(columns[1] - columns[0]) / 100.0,
             height_m: 1.5,
             inset_m: [0.0; 2],
+            is_hidden: [false; 2],
             outline: Outline::default(),
             pixels: 1000,
             confidence: 0.9,

@@ -43,7 +43,7 @@ table! {
     /// Height above the road beyond which nothing obstructs the vehicle.
     height_max_m: Number(0.5, 20.0) in "m" = Region::default().max_height_m;
 
-    /// Maximum distance of a region; 0 = as far as the rig tells things from the road (disparity 1.75 px, a car of 12 px), at least 60 m, and beyond 100 m only where traffic that comes as fast as we drive is met within 3.2 s.
+    /// Maximum distance of a region; 0 = as far as the rig tells things from the road (disparity 1.75 px, a car of 12 px), from 60 to 100 m, and farther (1.25 px) where traffic that comes as fast as we drive is met within 3.2 s.
     distance_max_m: Number(0.0, 300.0) in "m" = 0.0;
 
     /// Minimum width of a region; narrower ones are noise.

@@ -10,12 +10,16 @@
 //! 1. [`stixels`]: vertical runs of similar disparity above the road, in strips of 4 columns.
 //! 2. [`regions`]: neighbouring stixels are grouped into regions; the sides of things that run away from the camera belong to
 //!    them (`sides`).
-//! 3. [`photometric`]: regions are verified in both images.
+//! 3. [`photometric`]: regions are verified in both images, after their disparity has been refined there (`refinement`). What something
+//!    nearer hides of them is known (`occlusion`).
 //! 4. [`small_obstacles`]: obstacles too small for the disparity map, from the [`residual`] of both images.
 
 mod concavity;
 mod evidence;
+mod footprint;
+mod occlusion;
 pub mod photometric;
+mod refinement;
 pub mod regions;
 pub mod residual;
 mod sides;

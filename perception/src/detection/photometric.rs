@@ -335,6 +335,7 @@ mod tests {
             width_m: 0.3,
             height_m: 1.0,
             inset_m: [0.0; 2],
+            is_hidden: [false; 2],
             outline: Outline::default(),
             pixels: 500,
             confidence: 0.9,

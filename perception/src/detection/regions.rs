@@ -2,12 +2,15 @@
 
 use super::concavity::Profile;
 use super::evidence::{evidence, prominence};
+use super::footprint::footprint;
+use super::occlusion::hidden_sides;
 use super::photometric::Verifier;
+use super::refinement::{MAX_PARTS, Part, refine};
 use super::sides::join_sides;
 use super::stixel_use::StixelUse;
 use super::stixels::{STRIP_COLUMNS, Stixel, Stixels};
 use crate::outline::Outline;
-use crate::region::{DEPTH_BLUR_PX, Footprint, PixelBox, Region, SHAPE_M};
+use crate::region::{DEPTH_BLUR_PX, PixelBox, Region, SHAPE_M};
 use crate::rig::Rig;
 use crate::road::surface::RoadSurface;
 
@@ -55,8 +58,6 @@ pub const MIN_EVIDENCE: f64 = -1.0;
 pub(super) const CAPACITY: usize = 512;
 /// Smallest height of a region, in standard deviations of the height noise.
 const MIN_PROMINENCE: f64 = 1.5;
-/// Smallest disparity of a stixel of a region, in px, where its place is computed.
-const MIN_SIDE_PX: f64 = 0.1;
 /// Half-width of the disparity range of one face, in px: the blur of the matcher. Values farther away, as in
 /// rain, carry no information about the face.
 const FACE_HALF_WIDTH_PX: f64 = DEPTH_BLUR_PX;
@@ -121,6 +122,8 @@ pub struct RegionFinder {
     profile: Profile,
     /// Row counts by disparity of the current region.
     histogram: Vec<u32>,
+    /// Parts of rows of the current region that are compared in both images.
+    compared: Vec<Part>,
     regions: Vec<Region>,
 }
 
@@ -139,6 +142,7 @@ impl RegionFinder {
             parts: Vec::with_capacity(stixels.strips()),
             profile: Profile::with_capacity(stixels.strips()),
             histogram: vec![0; disparities * BINS_PER_PX + 1],
+            compared: Vec::with_capacity(MAX_PARTS),
             regions: Vec::with_capacity(CAPACITY),
         }
     }
@@ -178,7 +182,7 @@ impl RegionFinder {
             });
             if !self.is_raised_ground(stixels, uses, rig) {
                 if use_of(uses, seed) != StixelUse::Boundary {
-                    self.take(stixels, surface, rig, size);
+                    self.take(stixels, surface, rig, size, verifier);
                 }
                 continue;
             }
@@ -191,7 +195,7 @@ impl RegionFinder {
                 let seed = self.rest[i];
                 if !self.visited[seed as usize] {
                     self.grow(stixels, uses, surface, rig, seed, |a, b| a == b);
-                    self.take(stixels, surface, rig, size);
+                    self.take(stixels, surface, rig, size, verifier);
                 }
             }
         }
@@ -214,7 +218,14 @@ impl RegionFinder {
     }
 
     /// Adds the region that was grown last, split where its outline on the ground turns inwards.
-    fn take(&mut self, stixels: &Stixels, surface: &RoadSurface, rig: &Rig, size: (usize, usize)) {
+    fn take(
+        &mut self,
+        stixels: &Stixels,
+        surface: &RoadSurface,
+        rig: &Rig,
+        size: (usize, usize),
+        verifier: Option<&Verifier<'_>>,
+    ) {
         let list = stixels.list();
         self.whole.clear();
         self.whole.append(&mut self.members);
@@ -234,18 +245,19 @@ impl RegionFinder {
                 from + self.whole[from..to].partition_point(|i| list[*i as usize].strip < strip)
             });
             // It is split only if both parts may be obstacles, so that nothing is lost.
-            let mut is_thing = |part: std::ops::Range<usize>| {
+            let mut region_of = |part: std::ops::Range<usize>, verifier: Option<&Verifier<'_>>| {
                 self.members.clear();
                 self.members.extend_from_slice(&self.whole[part]);
-                self.measure(stixels, surface, rig, size)
+                self.measure(stixels, surface, rig, size, verifier)
             };
             match corner {
-                Some(at) if is_thing(from..at).is_some() && is_thing(at..to).is_some() => {
+                Some(at) if region_of(from..at, None).is_some() && region_of(at..to, None).is_some() => {
                     self.parts.push([from, at]);
                     self.parts.push([at, to]);
                 }
                 _ => {
-                    let region = is_thing(from..to);
+                    // What has been found to be one without the images remains one.
+                    let region = region_of(from..to, verifier).or_else(|| region_of(from..to, None));
                     self.add(region);
                 }
             }
@@ -356,6 +368,7 @@ impl RegionFinder {
         surface: &RoadSurface,
         rig: &Rig,
         (width, height): (usize, usize),
+        verifier: Option<&Verifier<'_>>,
     ) -> Option<Region> {
         let p = self.parameters;
         let list = stixels.list();
@@ -374,8 +387,15 @@ impl RegionFinder {
         }
         // An obstacle starts near the road; a textureless sky can be matched at any depth.
         let low = members().filter(|s| f64::from(s.low_m) <= MAX_FOOT_HEIGHT_M).count();
-        let stands = low as f64 >= MIN_STANDING_SHARE * f64::from(right + 1 - left);
-        let (disparity_px, disparity_sigma_px) = self.near_side(stixels, surface, rig)?;
+        if (low as f64) < MIN_STANDING_SHARE * f64::from(right + 1 - left) {
+            return None;
+        }
+        let near_side = self.near_side(stixels, surface, rig)?;
+        let images = verifier.map(|verifier| verifier.images);
+        let members = self.members.iter().map(|&i| &list[i as usize]);
+        let refined =
+            images.and_then(|images| refine(&mut self.compared, stixels, members, images, near_side.0, rig));
+        let (disparity_px, disparity_sigma_px) = refined.unwrap_or(near_side);
         let distance_m = rig.distance_m(disparity_px);
         if distance_m > p.max_distance_m {
             return None;
@@ -398,15 +418,20 @@ impl RegionFinder {
             width_m: metres(bounds.width),
             height_m,
             inset_m: [0.0; 2],
+            is_hidden: [false; 2],
             outline: Outline::default(),
             pixels,
             confidence: confidence / (255.0 * f64::from(rows.max(1))),
             evidence: 0.0,
         };
+        // As the map has it, as the stixels around are.
+        let map_px = near_side.0 as f32;
+        let tolerance_px = link_tolerance_px([map_px; 2], surface, rig.disparity_px(1.0) as f32);
+        let strips = (stixels.strips(), |strip| &list[stixels.range(strip)]);
+        region.is_hidden = hidden_sides(strips, &region.bounds, map_px, tolerance_px);
         let members = self.members.iter().map(|&i| &list[i as usize]);
-        region.set_footprint(&footprint(members, disparity_px, rig));
-        let kept = stands
-            && region.height_m >= p.min_height_m
+        region.set_footprint(&footprint(members, disparity_px, disparity_px - near_side.0, rig));
+        let kept = region.height_m >= p.min_height_m
             && prominence(&region, surface) >= MIN_PROMINENCE
             && region.width_m >= p.min_width_m;
         kept.then_some(region)
@@ -492,101 +517,17 @@ fn link_noise_px(disparity_px: f32, surface: &RoadSurface) -> f32 {
     0.15 + 2.0 * (surface.noise_px() as f32).min(0.15) + 0.015 * disparity_px
 }
 
+/// By how much these disparities of neighbouring stixels of one object may differ, in px.
+fn link_tolerance_px([a_px, b_px]: [f32; 2], surface: &RoadSurface, px_at_1_m: f32) -> f32 {
+    link_noise_px(a_px, surface).max(MAX_DEPTH_STEP_M * a_px * b_px / px_at_1_m)
+}
+
 /// Whether two stixels of neighbouring strips belong to one object: similar depth and overlapping rows.
 /// `px_at_1_m` is the disparity at a distance of 1 m.
 fn linked(a: &Stixel, b: &Stixel, surface: &RoadSurface, px_at_1_m: f32) -> bool {
-    let noise_px = link_noise_px(a.disparity_px, surface);
-    let tolerance = noise_px.max(MAX_DEPTH_STEP_M * a.disparity_px * b.disparity_px / px_at_1_m);
+    let tolerance = link_tolerance_px([a.disparity_px, b.disparity_px], surface, px_at_1_m);
     let shared = i32::from(a.bottom.min(b.bottom)) + 1 - i32::from(a.top.max(b.top));
     let taller = i32::from((a.bottom - a.top).max(b.bottom - b.top)) + 1;
     let adjacent = f64::from(shared) >= MIN_ROW_OVERLAP * f64::from(taller);
     adjacent && (a.disparity_px - b.disparity_px).abs() <= tolerance
-}
-
-/// What stixels show of a thing on the ground: each counts at its own depth, none nearer than the near side. The near face is what is
-/// as near as the blur of the matcher tells.
-fn footprint<'a>(members: impl Iterator<Item = &'a Stixel>, near_px: f64, rig: &Rig) -> Footprint {
-    let nowhere = [f64::INFINITY, f64::NEG_INFINITY];
-    let mut seen = Footprint { ends_m: nowhere, depth_m: [0.0; 2], face_m: nowhere };
-    let near_px = near_px.max(MIN_SIDE_PX);
-    let near_m = rig.distance_m(near_px);
-    for stixel in members {
-        let disparity_px = f64::from(stixel.disparity_px).clamp(MIN_SIDE_PX, near_px);
-        let distance_m = rig.distance_m(disparity_px);
-        let columns = [stixel.strip, stixel.strip + 1].map(|strip| f64::from(strip) * STRIP_COLUMNS as f64);
-        let [first_m, end_m] = columns.map(|column| rig.lateral_m(column, distance_m));
-        let is_near = near_px - disparity_px <= DEPTH_BLUR_PX;
-        let depth_m = if is_near { 0.0 } else { distance_m - near_m };
-        if first_m < seen.ends_m[0] {
-            (seen.ends_m[0], seen.depth_m[0]) = (first_m, depth_m);
-        }
-        if end_m > seen.ends_m[1] {
-            (seen.ends_m[1], seen.depth_m[1]) = (end_m, depth_m);
-        }
-        if is_near {
-            seen.face_m = [seen.face_m[0].min(first_m), seen.face_m[1].max(end_m)];
-        }
-    }
-    if seen.face_m[0] > seen.face_m[1] {
-        // No stixel is as near as the side that the pixels show: nothing is known of its outline.
-        Footprint { depth_m: [0.0; 2], face_m: seen.ends_m, ..seen }
-    } else {
-        seen
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const RIG: Rig = Rig { focal_px: 879.0, baseline_m: 0.12, cx_px: 320.0, cy_px: 240.0 };
-
-    /// Where a point is seen that is `x` metres to the right and `z` ahead.
-    fn column(x: f64, z: f64) -> f64 {
-        RIG.cx_px + RIG.focal_px * x / z
-    }
-
-    /// Stixels of points on the ground: metres to the right and ahead.
-    fn stixels(points: impl Iterator<Item = (f64, f64)>) -> Vec<Stixel> {
-        points
-            .map(|(x, z)| Stixel {
-                strip: (column(x, z) / STRIP_COLUMNS as f64) as u32,
-                top: 200,
-                bottom: 260,
-                rows: 60,
-                disparity_px: RIG.disparity_px(z) as f32,
-                confidence: 200.0,
-                high_m: 1.4,
-                low_m: 0.1,
-            })
-            .collect()
-    }
-
-    #[test]
-    fn a_side_that_runs_away_is_where_it_is_and_not_where_the_box_is() {
-        // A car on the right, its left side 1.5 m from the axis and 6 to 10 m away, its rear 1.8 m wide.
-        let side = (0..=20).map(|i| (1.5, 6.0 + 0.2 * f64::from(i)));
-        let rear = (0..=20).map(|i| (1.5 + 0.09 * f64::from(i), 6.0));
-        let stixels = stixels(side.chain(rear));
-        let Footprint { ends_m: [left_m, right_m], depth_m, face_m } =
-            footprint(stixels.iter(), RIG.disparity_px(6.0), &RIG);
-        assert!((left_m - 1.5).abs() < 0.06 && (right_m - 3.3).abs() < 0.06, "{left_m} {right_m}");
-        assert!(depth_m[1] == 0.0 && (face_m[1] - right_m).abs() < 1e-9, "{depth_m:?} {face_m:?}");
-        let box_left_m = RIG.lateral_m(column(1.5, 10.0), 6.0);
-        assert!(box_left_m < 1.0, "the box reaches to {box_left_m} m");
-    }
-
-    #[test]
-    fn of_a_car_that_is_turned_a_corner_is_nearest() {
-        // A corner at 2 m to the right and 8 m ahead; the rear runs away to the right, the side to the left.
-        let rear = (0..=20).map(|i| (2.0 + 0.08 * f64::from(i), 8.0 + 0.04 * f64::from(i)));
-        let side = (0..=20).map(|i| (2.0 - 0.09 * f64::from(i), 8.0 + 0.18 * f64::from(i)));
-        let stixels = stixels(rear.chain(side));
-        let Footprint { ends_m, depth_m, face_m } = footprint(stixels.iter(), RIG.disparity_px(8.0), &RIG);
-        let near = |a: [f64; 2], b: [f64; 2], m: f64| (a[0] - b[0]).abs() < m && (a[1] - b[1]).abs() < m;
-        assert!(near(ends_m, [0.2, 3.6], 0.08), "{ends_m:?}");
-        assert!(near(depth_m, [3.6, 0.8], 0.2), "{depth_m:?}");
-        // What differs by less than the blur of the matcher is as near as the corner: 0.2 m here.
-        assert!(near(face_m, [1.9, 2.45], 0.15), "{face_m:?}");
-    }
 }

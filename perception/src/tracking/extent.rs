@@ -53,6 +53,12 @@ impl CutSides {
         }
     }
 
+    /// The same, and the sides that something nearer hides: how far the thing reaches there is not seen, either.
+    pub fn or_hidden(self, region: &Region) -> Self {
+        let [left, right] = region.is_hidden;
+        Self { left: self.left || left, right: self.right || right, ..self }
+    }
+
     /// Whether left or right is cut.
     pub fn any(self) -> bool {
         self.left || self.right
@@ -74,8 +80,15 @@ impl Extent {
         extent
     }
 
-    /// Takes in a sighting, `elapsed_s` after the last one. `enters`: what the picture cuts comes into view.
-    pub fn update(&mut self, region: &Region, rig: &Rig, (cut, enters): (CutSides, bool), elapsed_s: f64) {
+    /// Takes in a sighting, `elapsed_s` after the last one. `cut`: the sides that the picture cuts; `open`: these, and those that something
+    /// nearer hides; `enters`: what the picture cuts comes into view.
+    pub fn update(
+        &mut self,
+        region: &Region,
+        rig: &Rig,
+        (cut, open, enters): (CutSides, CutSides, bool),
+        elapsed_s: f64,
+    ) {
         self.sightings = self.sightings.saturating_add(1);
         let settled = 1.0 - (-elapsed_s / EXTENT_TIME_S).exp();
         let gain = settled.max(1.0 / f64::from(self.sightings)).min(0.5);
@@ -93,8 +106,8 @@ impl Extent {
         for (smoothed, inset_m) in self.inset_m.iter_mut().zip(region.inset_m) {
             *smoothed += gain * (inset_m - *smoothed);
         }
-        // Of a side that the picture cuts the end is not seen.
-        for side in (0..2).filter(|&side| ![cut.left, cut.right][side]) {
+        // Of a side that is cut or hidden the end is not seen.
+        for side in (0..2).filter(|&side| ![open.left, open.right][side]) {
             self.outline.approach(&region.outline, side, gain);
         }
         let [top_m, foot_m] = rows_m(region, rig);

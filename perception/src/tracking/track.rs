@@ -132,30 +132,31 @@ impl Track {
             self.filter.measure_disparity(region.disparity_px, noise_px);
         }
         let change = (region.width_m / self.extent.width_m.max(0.05)).max(0.05).ln().abs();
-        // A box that became wider or narrower may have gained or lost a side; at the border of the picture it does so anyway, and the
-        // image tells whether it is one thing.
-        let is_one_thing = cut.any() && self.is_followed;
+        // A box that became wider or narrower may have gained or lost a side; beside what hides it, or at the border of the picture, it
+        // does so anyway. At the border the image has to tell that it is one thing.
+        let open = cut.or_hidden(region);
+        let is_one_thing = open.any() && (self.is_followed || !cut.any());
         let unsure_m = if is_one_thing { 0.0 } else { (region.width_m - self.extent.width_m) / 2.0 };
-        let sigma_m = place_sigma_m(region, &rig, cut, self.extent.width_m).hypot(unsure_m);
+        let sigma_m = place_sigma_m(region, &rig, open, self.extent.width_m).hypot(unsure_m);
         let half_m = region.width_m / 2.0;
         let [left_m, right_m] = match self.is_over_ground {
             true => region.ends_m(),
             false => [region.lateral_m - half_m, region.lateral_m + half_m],
         };
         let front_m = self.front_m();
-        // A side that the picture cuts shows nothing of the place, and the other one stays where it is as the thing comes into
-        // view.
-        let (lateral_m, outwards) = match (cut.left, cut.right) {
+        // A side that the picture cuts, or that something nearer hides, shows nothing of the place, and the other one stays where it is
+        // as the thing comes into view.
+        let (lateral_m, outwards) = match (open.left, open.right) {
             (true, false) => (right_m - front_m / 2.0, -0.5),
             (false, true) => (left_m + front_m / 2.0, 0.5),
             _ => ((left_m + right_m) / 2.0, 0.0),
         };
         self.filter.measure_across([lateral_m, region.distance_m], sigma_m, self.is_followed);
         let enters = self.enters(region, cut);
-        self.extent.update(region, &rig, (cut, enters), self.unseen_s);
+        self.extent.update(region, &rig, (cut, open, enters), self.unseen_s);
         self.filter.shift(outwards * (self.front_m() - front_m));
-        // Of what the picture cuts no width is measured, and what it was before is forgotten.
-        let change = if cut.any() { INITIAL_JITTER } else { change };
+        // Of what is not seen as a whole no width is measured, and what it was before is forgotten.
+        let change = if open.any() { INITIAL_JITTER } else { change };
         self.width_jitter += JITTER_GAIN * (change - self.width_jitter);
         self.region = *region;
         self.detection = Some(detection);
@@ -368,11 +369,11 @@ fn noise_px(region: &Region, rig: &Rig, cut: CutSides) -> f64 {
     noise_px.hypot(region.disparity_px * depth_m / rig.distance_m(region.disparity_px))
 }
 
-/// Standard deviation of the place that a box tells, in metres: of its middle, or, where the picture cuts one side, of the other
-/// one. Of a middle whose sides are both cut nothing is known. `width_m`: of the thing, as far as it has been seen before.
-fn place_sigma_m(region: &Region, rig: &Rig, cut: CutSides, width_m: f64) -> f64 {
+/// Standard deviation of the place that a box tells, in metres: of its middle, or, where one side is not seen, of the other
+/// one. Of a middle of which neither side is seen nothing is known. `width_m`: of the thing, as far as it has been seen before.
+fn place_sigma_m(region: &Region, rig: &Rig, open: CutSides, width_m: f64) -> f64 {
     let [left_m, right_m] = region.ends_m();
-    let (share, side_m) = match (cut.left, cut.right) {
+    let (share, side_m) = match (open.left, open.right) {
         (true, true) => (CUT_SIGMA_SHARE, 0.0),
         (true, false) => (CENTRE_SIGMA_SHARE, right_m),
         (false, true) => (CENTRE_SIGMA_SHARE, left_m),

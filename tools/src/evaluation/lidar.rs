@@ -495,6 +495,7 @@ mod tests {
             width_m: 1.6,
             height_m: 1.4,
             inset_m: [0.0; 2],
+            is_hidden: [false; 2],
             outline: Outline::default(),
             pixels: 900,
             confidence: 1.0,

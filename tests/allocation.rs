@@ -48,6 +48,9 @@ fn a_frame_of_stereo_and_of_the_road_allocates_nothing() {
         }
         let map = DisparityView::new(&disparity, width, height).expect("it fits");
         let depth = DepthView::new(map, &confidence).expect("it fits");
+        let with_images = depth.with_images([view(&left), view(&right)]).expect("they fit");
+        // Every second frame without its images, as of LiDAR.
+        let depth = if index % 2 == 0 { with_images } else { depth };
         for detector in &mut detectors {
             let before = by_this_thread();
             let scene = detector.detect(depth);

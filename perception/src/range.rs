@@ -19,7 +19,7 @@ const MIN_RANGE_M: f64 = 60.0;
 /// As far as the rig allows, things are looked for this far at any speed, in metres;
 const SLOW_RANGE_M: f64 = 100.0;
 /// and at higher speeds as far as traffic is that comes as fast as we drive, this time before both meet, in seconds: 2.6 s for a warning,
-/// and 0.6 s in which its speed becomes known.
+/// and at most 0.6 s in which its speed becomes known.
 const MEETING_S: f64 = 3.2;
 
 /// The range of a rig.

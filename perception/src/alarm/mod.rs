@@ -85,6 +85,11 @@ const MIN_SEEN_S: f64 = 0.64;
 const MIN_SEEN_NEAR_S: f64 = 0.4;
 /// See [`MIN_SEEN_NEAR_S`].
 const NEAR_M: f64 = 20.0;
+/// and also where the standard deviation of the time to collision is below this share of it,
+const PRECISE_TTC_SIGMA_SHARE: f64 = 0.1;
+/// and the thing is at least this wide, in metres, as vehicles are: oncoming traffic is seen late, and what is narrow may be another
+/// thing in each frame;
+const WIDE_M: f64 = 1.2;
 /// the last of them consecutive for this long, in seconds, so that what is not always seen raises nothing,
 const MIN_CONSECUTIVE_S: f64 = 0.32;
 /// both at least this many frames, as a speed needs two, and its error a third,
@@ -359,7 +364,9 @@ impl Alarm {
 
     /// Whether a candidate has been seen for so long that its speed is known.
     fn is_known(&self, c: &Candidate) -> bool {
-        let seen_s = if c.gap_m < NEAR_M { MIN_SEEN_NEAR_S } else { MIN_SEEN_S };
+        let is_precise = c.motion.width_m >= WIDE_M
+            && c.time_to_collision.is_some_and(|ttc| ttc.sigma_s <= PRECISE_TTC_SIGMA_SHARE * ttc.seconds);
+        let seen_s = if c.gap_m < NEAR_M || is_precise { MIN_SEEN_NEAR_S } else { MIN_SEEN_S };
         self.lasts(c.seen, seen_s) && self.lasts(c.consecutive_frames, MIN_CONSECUTIVE_S)
     }
 

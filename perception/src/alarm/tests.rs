@@ -113,15 +113,28 @@ fn each_rule_fires_at_its_limit() {
 
 #[test]
 fn a_level_waits_until_the_speed_is_known_and_is_confirmed_meanwhile() {
-    // Sightings at a gap below 20 m, and beyond: 0.4 and 0.64 s, the last of them the second that triggers the rule.
-    for (from_m, closing_m_s, sightings) in [(18.0, 8.0, 5), (30.0, 14.0, 8)] {
+    // Sightings at a gap below 20 m, or of something wide whose time to collision is precise: 0.4 s; else 0.64 s. The last of them is the
+    // second that triggers the rule.
+    for (from_m, closing_m_s, sigma_s, width_m, sightings) in [
+        (18.0, 8.0, 0.05, 0.6, 5),
+        (30.0, 14.0, 0.05, 1.8, 5),
+        (30.0, 14.0, 0.3, 1.8, 8),
+        (30.0, 14.0, 0.05, 0.6, 8),
+    ] {
         let mut alarm = alarm();
         let first = (1..20).find(|&seen| {
             let z = from_m - closing_m_s * 0.08 * f64::from(seen - 1);
-            let new = Candidate { seen, consecutive_frames: seen, ..at(z, closing_m_s) };
+            let like = at(z, closing_m_s);
+            let new = Candidate {
+                seen,
+                consecutive_frames: seen,
+                motion: LateralMotion { width_m, ..like.motion },
+                time_to_collision: like.time_to_collision.map(|ttc| TimeToCollision { sigma_s, ..ttc }),
+                ..like
+            };
             alarm.update(u64::from(seen) * PERIOD_NS, true, [new]).level > AlarmLevel::Clear
         });
-        assert_eq!(first, Some(sightings), "from {from_m} m");
+        assert_eq!(first, Some(sightings), "from {from_m} m, {sigma_s} s, {width_m} m wide");
     }
 }
 

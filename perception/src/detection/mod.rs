@@ -7,10 +7,11 @@
 //!
 //! Steps:
 //!
-//! 1. [`stixels`]: vertical runs of similar disparity above the road, in strips of 4 columns.
+//! 1. [`stixels`]: vertical runs of similar disparity above the road, in strips of 4 columns; their disparity is refined in both images
+//!    (`refinement`).
 //! 2. [`regions`]: neighbouring stixels are grouped into regions; the sides of things that run away from the camera belong to
 //!    them (`sides`).
-//! 3. [`photometric`]: regions are verified in both images, after their disparity has been refined there (`refinement`). What something
+//! 3. [`photometric`]: regions are verified in both images, after their disparity has been refined there, too. What something
 //!    nearer hides of them is known (`occlusion`).
 //! 4. [`small_obstacles`]: obstacles too small for the disparity map, from the [`residual`] of both images.
 
@@ -117,7 +118,7 @@ impl ObstacleDetector {
         &self.stixels
     }
 
-    /// Extracts the stixels of a map, before [`Self::detect`].
+    /// Extracts the stixels of a map, before [`Self::detect`]; if the map has its images, their disparities are refined in these.
     pub fn find_stixels(&mut self, depth: DepthView<'_>, surface: &RoadSurface) -> &Stixels {
         let p = &self.parameters;
         let stixel_parameters = StixelParameters {
@@ -130,6 +131,9 @@ impl ObstacleDetector {
             max_gradient_px: self.rig.baseline_m / MIN_SIDE_OFFSET_M,
         };
         self.stixels.find(depth, surface, &stixel_parameters);
+        if let Some(images) = depth.images() {
+            self.stixels.refine(images);
+        }
         &self.stixels
     }
 

@@ -1,9 +1,9 @@
-//! Disparity of a region, refined in both images.
+//! Disparities of stixels and regions, refined in both images.
 //!
 //! The sub-pixel fit of the matcher pulls disparities to whole pixels, by up to a quarter of a pixel (pixel locking: Shimizu and
-//! Okutomi, 2001). At 1.75 px that is a seventh of the distance, and a thing that comes nearer seems to wait at a whole pixel and to jump
-//! from there to the next one. The pixels of a region's near side are therefore registered once more, all together by one shift
-//! (Lucas and Kanade, 1981).
+//! Okutomi, 2001). At 1.75 px that is a seventh of the distance, and a thing that comes nearer seems to wait at a whole pixel and to
+//! jump from there to the next one. Its windows also spread what is near over what is beside it. The pixels of a stixel, and those of
+//! a region's near side, are therefore registered once more, all together by one shift (Lucas and Kanade, 1981).
 //!
 //! The shift is that at which the differences between both images do not correlate with the gradient of the left one: noise
 //! correlates with neither. The right image is interpolated by cubic convolution, whose phase is nearly right; a constant difference of
@@ -14,14 +14,25 @@ use crate::image::GreyView;
 use crate::region::{DEPTH_BLUR_PX, SHAPE_M};
 use crate::rig::Rig;
 
-/// Disparities above this are not refined, in px: pixel locking is a small part of them.
+/// Disparities of regions above this are not refined, in px: pixel locking is a small part of them.
 const MAX_DISPARITY_PX: f64 = 16.0;
+/// The same for stixels, in px.
+pub(super) const MAX_STIXEL_DISPARITY_PX: f32 = 8.0;
 /// What is nearer than the mean of a near side by more than this, in metres, is noise.
 const MAX_PROTRUSION_M: f64 = 0.3;
 /// Largest number of parts of rows, each as wide as a strip, that are compared.
 pub(super) const MAX_PARTS: usize = 256;
 /// Fewest.
 const MIN_PARTS: usize = 10;
+/// Largest number of rows of a stixel that are compared.
+pub(super) const MAX_STIXEL_ROWS: usize = 32;
+/// Largest change of a stixel's disparity, in px: beside what is near, the matcher gives what is behind it nearly the same disparity;
+const MAX_STIXEL_CHANGE_PX: f32 = 1.0;
+/// and its largest standard deviation, in px.
+const MAX_STIXEL_SIGMA_PX: f64 = 0.3;
+/// Standard deviation of the map's error against which the change is weighed, in px; less than the 0.14 of pixel locking alone, as the
+/// error of a registration is not noise alone.
+const LOCKING_SIGMA_PX: f64 = 0.1;
 /// Regions of at least one strip more than this are compared without their outermost strips: the windows of the matcher spread what is
 /// near over what is behind it.
 const MIN_SPAN_STRIPS: u32 = 3;
@@ -44,11 +55,18 @@ const MAX_SIGMA_PX: f64 = 0.14;
 /// What is added to it, in px: what is seen through windows, and what was spread over the background.
 const RESIDUAL_PX: f64 = 0.05;
 
+/// Limits within which a registration counts: largest change and largest standard deviation, both in px.
+#[derive(Clone, Copy, Debug)]
+struct Limits {
+    change_px: f32,
+    sigma_px: f64,
+}
+
 /// A part of a row, as wide as a strip: row and strip.
 pub(super) type Part = [u16; 2];
 
-/// Refines the disparity of the near side of what `members` show, and its standard deviation, both in px; `None` where the images do not
-/// tell. `parts` is a workspace.
+/// Refines the disparity of the near side of a region, whose stixels are `members`. Returns it and its standard deviation, both in px;
+/// `None` where the images do not tell. `parts` is a workspace.
 pub(super) fn refine<'a>(
     parts: &mut Vec<Part>,
     stixels: &Stixels,
@@ -61,11 +79,40 @@ pub(super) fn refine<'a>(
         return None;
     }
     let mean_px = collect(parts, stixels, members, near_px);
-    let (refined_px, error_px) = register(images, parts, mean_px)?;
+    let limits = Limits { change_px: MAX_CHANGE_PX, sigma_px: MAX_SIGMA_PX };
+    let (refined_px, sigma_px) = register(images, parts, mean_px, limits)?;
     let px_of = |depth_m: f64| depth_m * near_px * near_px / rig.disparity_px(1.0);
     // The near side is before the mean of what was compared.
     let before_px = (near_px - mean_px).clamp(0.0, px_of(MAX_PROTRUSION_M));
-    Some((refined_px + before_px, error_px.hypot(px_of(SHAPE_M))))
+    Some((refined_px + before_px, sigma_px.hypot(RESIDUAL_PX).hypot(px_of(SHAPE_M))))
+}
+
+/// Whether a row with this disparity, in 1/256 px, shows the surface of a stixel; within its rows there may be others, as behind windows.
+pub(super) fn is_of(stixel: &Stixel, depth: u16) -> bool {
+    depth > 0 && (f32::from(depth) / 256.0 - stixel.disparity_px).abs() <= DEPTH_BLUR_PX as f32
+}
+
+/// By how much the disparity of a stixel changes, in px, if it is refined; `None` where the images do not tell. `depths`: disparities of
+/// its strip, row by row, in 1/256 px; 0 = unknown. `parts` is a workspace.
+pub(super) fn refined_change_px(
+    parts: &mut Vec<Part>,
+    depths: &[u16],
+    stixel: &Stixel,
+    images: [GreyView<'_>; 2],
+) -> Option<f32> {
+    let rows = usize::from(stixel.top)..=usize::from(stixel.bottom);
+    let step = rows.clone().count().div_ceil(MAX_STIXEL_ROWS);
+    let mut sum = 0_u32;
+    parts.clear();
+    for y in rows.step_by(step).filter(|y| is_of(stixel, depths[*y])) {
+        parts.push([y as u16, stixel.strip as u16]);
+        sum += u32::from(depths[y]);
+    }
+    let mean_px = f64::from(sum) / (256.0 * parts.len().max(1) as f64);
+    let limits = Limits { change_px: MAX_STIXEL_CHANGE_PX, sigma_px: MAX_STIXEL_SIGMA_PX };
+    let (refined_px, sigma_px) = register(images, parts, mean_px, limits)?;
+    let (locked, unsure) = (LOCKING_SIGMA_PX * LOCKING_SIGMA_PX, sigma_px * sigma_px);
+    Some((locked / (locked + unsure) * (refined_px - mean_px)) as f32)
 }
 
 /// Collects the parts of rows in which stixels have a disparity like this one, in px; evenly, if there are too many. Returns the mean of
@@ -118,7 +165,12 @@ type Columns = [f32; STRIP_COLUMNS];
 
 /// Disparity and its standard deviation in px, at which these parts of the left image fit the right one best; `None` where the images
 /// do not tell, or tell of something else.
-fn register([left, right]: [GreyView<'_>; 2], parts: &[Part], start_px: f64) -> Option<(f64, f64)> {
+fn register(
+    [left, right]: [GreyView<'_>; 2],
+    parts: &[Part],
+    start_px: f64,
+    limits: Limits,
+) -> Option<(f64, f64)> {
     if parts.len() < MIN_PARTS {
         return None;
     }
@@ -139,15 +191,14 @@ fn register([left, right]: [GreyView<'_>; 2], parts: &[Part], start_px: f64) -> 
         let shift_px = (covariance / variance).clamp(-MAX_STEP_PX, MAX_STEP_PX);
         disparity_px -= shift_px;
         // A comparison with NaN is false.
-        let is_like = (disparity_px - start_px).abs() <= MAX_CHANGE_PX && disparity_px > 0.0;
+        let is_like = (disparity_px - start_px).abs() <= limits.change_px && disparity_px > 0.0;
         if !is_like {
             return None;
         }
         if shift_px.abs() < SETTLED_PX {
             let noise = (sums.difference2 / sums.weight - offset * offset).max(0.1);
             let sigma_px = SIGMA_FACTOR * f64::from(noise / variance).sqrt();
-            return (sigma_px <= MAX_SIGMA_PX)
-                .then(|| (f64::from(disparity_px), sigma_px.hypot(RESIDUAL_PX)));
+            return (sigma_px <= limits.sigma_px).then_some((f64::from(disparity_px), sigma_px));
         }
     }
     None
@@ -239,7 +290,9 @@ mod tests {
         let view = |bytes| GreyView::new(bytes, SIZE.0, SIZE.1, SIZE.0).unwrap();
         let parts: Vec<Part> =
             (0..SIZE.1 as u16).flat_map(|y| (4..20).map(move |strip| [y, strip])).collect();
-        register([view(&pair[0]), view(&pair[1])], &parts, start_px)
+        let limits = Limits { change_px: MAX_CHANGE_PX, sigma_px: MAX_SIGMA_PX };
+        register([view(&pair[0]), view(&pair[1])], &parts, start_px, limits)
+            .map(|(px, sigma_px)| (px, sigma_px.hypot(RESIDUAL_PX)))
     }
 
     #[test]
@@ -285,7 +338,46 @@ mod tests {
         let view = |bytes| GreyView::new(bytes, SIZE.0, SIZE.1, SIZE.0).unwrap();
         let [left, right] = pair(1, 2.0, 25.0, 0.0);
         let border: Vec<Part> = (0..SIZE.1 as u16).map(|y| [y, 0]).collect();
-        assert_eq!(register([view(&left), view(&right)], &border, 2.0), None);
+        let limits = Limits { change_px: 1.0, sigma_px: 1.0 };
+        assert_eq!(register([view(&left), view(&right)], &border, 2.0, limits), None);
+    }
+
+    #[test]
+    fn a_stixel_is_refined_as_far_as_the_images_tell() {
+        let stixel =
+            Stixel { strip: 8, top: 4, bottom: 35, rows: 32, disparity_px: 2.0, ..Stixel::default() };
+        let depths = [512_u16; SIZE.1];
+        let change_px = |pair: &[Vec<u8>; 2]| {
+            let images = [&pair[0], &pair[1]].map(|b| GreyView::new(b, SIZE.0, SIZE.1, SIZE.0).unwrap());
+            refined_change_px(&mut Vec::new(), &depths, &stixel, images)
+        };
+        let mean = |truth_px: f64, contrast: f64| {
+            let all = (0..20).filter_map(|seed| change_px(&pair(seed, truth_px, contrast, 12.0)));
+            let all: Vec<f32> = all.collect();
+            (all.len(), f64::from(all.iter().sum::<f32>()) / all.len().max(1) as f64)
+        };
+        for truth_px in [1.4, 1.75, 2.3, 2.8] {
+            let (count, clear_px) = mean(truth_px, 40.0);
+            assert!(
+                count >= 18 && (clear_px - (truth_px - 2.0)).abs() < 0.1,
+                "{truth_px}: {count} {clear_px}"
+            );
+        }
+        let (clear_px, faint_px) = (mean(2.3, 40.0).1, mean(2.3, 5.0).1);
+        assert!(faint_px > 0.0 && faint_px < 0.8 * clear_px, "{faint_px} of {clear_px}");
+        assert_eq!(mean(3.2, 40.0).0, 0, "another surface");
+        assert_eq!(mean(2.3, 0.0).0, 0, "noise alone");
+        let images = pair(1, 2.3, 40.0, 0.0);
+        let views = images.each_ref().map(|b| GreyView::new(b, SIZE.0, SIZE.1, SIZE.0).unwrap());
+        let rows = |top, bottom, depths: &[u16]| {
+            let mut parts = Vec::new();
+            let stixel = Stixel { top, bottom, ..stixel };
+            refined_change_px(&mut parts, depths, &stixel, views)
+                .map(|change_px| (parts.len(), change_px > 0.1))
+        };
+        assert_eq!(rows(0, 39, &depths), Some((20, true)), "every second row");
+        assert_eq!(rows(0, 8, &depths), None, "too few rows");
+        assert_eq!(rows(0, 39, &[0; SIZE.1]), None, "nothing is known");
     }
 
     #[test]

@@ -424,7 +424,7 @@ impl RegionFinder {
             confidence: confidence / (255.0 * f64::from(rows.max(1))),
             evidence: 0.0,
         };
-        // As the map has it, as the stixels around are.
+        // Before the region is refined, as the stixels around it are.
         let map_px = near_side.0 as f32;
         let tolerance_px = link_tolerance_px([map_px; 2], surface, rig.disparity_px(1.0) as f32);
         let strips = (stixels.strips(), |strip| &list[stixels.range(strip)]);

@@ -87,9 +87,10 @@ pub(super) fn refine<'a>(
     Some((refined_px + before_px, sigma_px.hypot(RESIDUAL_PX).hypot(px_of(SHAPE_M))))
 }
 
-/// Whether a row with this disparity, in 1/256 px, shows the surface of a stixel; within its rows there may be others, as behind windows.
+/// Whether a row with this disparity, in 1/256 px, may show the surface of a stixel, as far as it may be refined; within its rows there
+/// may be others, as behind windows.
 pub(super) fn is_of(stixel: &Stixel, depth: u16) -> bool {
-    depth > 0 && (f32::from(depth) / 256.0 - stixel.disparity_px).abs() <= DEPTH_BLUR_PX as f32
+    depth > 0 && (f32::from(depth) / 256.0 - stixel.disparity_px).abs() <= MAX_STIXEL_CHANGE_PX
 }
 
 /// By how much the disparity of a stixel changes, in px, if it is refined; `None` where the images do not tell. `depths`: disparities of

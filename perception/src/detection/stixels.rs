@@ -476,7 +476,7 @@ mod tests {
         let mut stixels = Stixels::new(32, 40);
         stixels.depths.fill(666);
         stixels.depths[4 * 40 + 9] = 0;
-        stixels.depths[4 * 40 + 12..4 * 40 + 20].fill(256);
+        stixels.depths[4 * 40 + 12..4 * 40 + 20].fill(300);
         let stixel = |strip: u32, disparity_px: f32| Stixel {
             strip,
             top: 5,
@@ -493,7 +493,7 @@ mod tests {
         let rows = stixels.depths(4);
         let moved = (f64::from(rows[5]) / 256.0 - f64::from(found_px)).abs();
         assert!(moved < 0.01 && rows[34] == rows[5], "{rows:?}");
-        assert_eq!([rows[4], rows[9], rows[12], rows[19], rows[35]], [666, 0, 256, 256, 666]);
+        assert_eq!([rows[4], rows[9], rows[12], rows[19], rows[35]], [666, 0, 300, 300, 666]);
         // What is near is not locked.
         assert_eq!((stixels.list[1].disparity_px, stixels.depths(5)), (20.0, &[666; 40][..]));
     }

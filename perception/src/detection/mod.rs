@@ -34,6 +34,7 @@ use crate::rig::Rig;
 use crate::road::profile::RoadProfile;
 use crate::road::surface::RoadSurface;
 use photometric::Verifier;
+use refinement::{MAX_PARTS, Part, refine_stixels};
 use regions::RegionFinder;
 pub use regions::{MIN_EVIDENCE, RegionParameters};
 use residual::RoadGeometry;
@@ -65,6 +66,8 @@ pub struct ObstacleDetector {
     rig: Rig,
     size: (usize, usize),
     stixels: Stixels,
+    /// Parts of rows of a stixel that are compared in both images.
+    compared: Vec<Part>,
     finder: RegionFinder,
     small: SmallObstacleFinder,
     regions: Vec<Region>,
@@ -85,6 +88,7 @@ impl ObstacleDetector {
             small: SmallObstacleFinder::new(width, height),
             regions: Vec::with_capacity(regions::CAPACITY + small_obstacles::CAPACITY),
             size: (width, height),
+            compared: Vec::with_capacity(MAX_PARTS),
             stixels,
             parameters,
             rig,
@@ -132,7 +136,7 @@ impl ObstacleDetector {
         };
         self.stixels.find(depth, surface, &stixel_parameters);
         if let Some(images) = depth.images() {
-            self.stixels.refine(images);
+            refine_stixels(&mut self.stixels, &mut self.compared, images);
         }
         &self.stixels
     }

@@ -17,7 +17,7 @@ use crate::rig::Rig;
 /// Disparities of regions above this are not refined, in px: pixel locking is a small part of them.
 const MAX_DISPARITY_PX: f64 = 16.0;
 /// The same for stixels, in px.
-pub(super) const MAX_STIXEL_DISPARITY_PX: f32 = 8.0;
+const MAX_STIXEL_DISPARITY_PX: f32 = 8.0;
 /// What is nearer than the mean of a near side by more than this, in metres, is noise.
 const MAX_PROTRUSION_M: f64 = 0.3;
 /// Largest number of parts of rows, each as wide as a strip, that are compared.
@@ -25,7 +25,7 @@ pub(super) const MAX_PARTS: usize = 256;
 /// Fewest.
 const MIN_PARTS: usize = 10;
 /// Largest number of rows of a stixel that are compared.
-pub(super) const MAX_STIXEL_ROWS: usize = 32;
+const MAX_STIXEL_ROWS: usize = 32;
 /// Largest change of a stixel's disparity, in px: beside what is near, the matcher gives what is behind it nearly the same disparity;
 const MAX_STIXEL_CHANGE_PX: f32 = 1.0;
 /// and its largest standard deviation, in px.
@@ -87,15 +87,28 @@ pub(super) fn refine<'a>(
     Some((refined_px + before_px, sigma_px.hypot(RESIDUAL_PX).hypot(px_of(SHAPE_M))))
 }
 
+/// Refines the disparities of stixels in both images, and those of their rows. `parts` is a workspace.
+pub(super) fn refine_stixels(stixels: &mut Stixels, parts: &mut Vec<Part>, images: [GreyView<'_>; 2]) {
+    for i in 0..stixels.list().len() {
+        let stixel = stixels.list()[i];
+        if stixel.disparity_px <= MAX_STIXEL_DISPARITY_PX
+            && let Some(change_px) =
+                refined_change_px(parts, stixels.depths(stixel.strip as usize), &stixel, images)
+        {
+            stixels.shift(i, change_px, |depth| is_of(&stixel, depth));
+        }
+    }
+}
+
 /// Whether a row with this disparity, in 1/256 px, may show the surface of a stixel, as far as it may be refined; within its rows there
 /// may be others, as behind windows.
-pub(super) fn is_of(stixel: &Stixel, depth: u16) -> bool {
+fn is_of(stixel: &Stixel, depth: u16) -> bool {
     depth > 0 && (f32::from(depth) / 256.0 - stixel.disparity_px).abs() <= MAX_STIXEL_CHANGE_PX
 }
 
 /// By how much the disparity of a stixel changes, in px, if it is refined; `None` where the images do not tell. `depths`: disparities of
 /// its strip, row by row, in 1/256 px; 0 = unknown. `parts` is a workspace.
-pub(super) fn refined_change_px(
+fn refined_change_px(
     parts: &mut Vec<Part>,
     depths: &[u16],
     stixel: &Stixel,

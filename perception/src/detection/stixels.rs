@@ -1,8 +1,6 @@
 //! Stixels: in strips of a few columns, vertical runs of similar disparity above the road.
 
-use super::refinement::{MAX_STIXEL_DISPARITY_PX, MAX_STIXEL_ROWS, Part, is_of, refined_change_px};
 use crate::depth::DepthView;
-use crate::image::GreyView;
 use crate::road::heights::{BATCH, PixelBatch};
 use crate::road::surface::{CandidateFilter, RoadSurface};
 use crate::simd::{Level, Simd, kernel};
@@ -78,8 +76,6 @@ pub struct Stixels {
     strips: usize,
     height: usize,
     level: Level,
-    /// Parts of rows of a stixel that are compared in both images.
-    compared: Vec<Part>,
     list: Vec<Stixel>,
     /// Index of the first stixel of each strip in the list, and the length of the list.
     starts: Vec<u32>,
@@ -99,7 +95,6 @@ impl Stixels {
             strips,
             height,
             level: Level::best(),
-            compared: Vec::with_capacity(MAX_STIXEL_ROWS),
             list: Vec::with_capacity(strips * (MAX_STIXELS_PER_STRIP + 1)),
             starts: vec![0; strips + 1],
         }
@@ -181,21 +176,16 @@ impl Stixels {
         self.starts[self.strips] = self.list.len() as u32;
     }
 
-    /// Refines the disparities of the stixels of the last map in both of its images, and those of their rows. Heights stay as the map has
-    /// them.
-    pub fn refine(&mut self, images: [GreyView<'_>; 2]) {
-        for stixel in self.list.iter_mut().filter(|s| s.disparity_px <= MAX_STIXEL_DISPARITY_PX) {
-            let first = stixel.strip as usize * self.height;
-            let depths = &mut self.depths[first..first + self.height];
-            let Some(change_px) = refined_change_px(&mut self.compared, depths, stixel, images) else {
-                continue;
-            };
-            let change = (256.0 * change_px).round() as i16;
-            let rows = &mut depths[usize::from(stixel.top)..=usize::from(stixel.bottom)];
-            let of_it = rows.iter_mut().filter(|d| is_of(stixel, **d));
-            of_it.for_each(|d| *d = d.saturating_add_signed(change).max(1));
-            stixel.disparity_px += change_px;
-        }
+    /// Changes the disparity of a stixel, by its index in [`Stixels::list`], and of those of its rows that are of it, by so many px. Heights
+    /// stay as the map has them.
+    pub(super) fn shift(&mut self, index: usize, by_px: f32, is_of_it: impl Fn(u16) -> bool) {
+        let stixel = &mut self.list[index];
+        stixel.disparity_px += by_px;
+        let by = (256.0 * by_px).round() as i16;
+        let first = stixel.strip as usize * self.height;
+        let rows = first + usize::from(stixel.top)..=first + usize::from(stixel.bottom);
+        let of_it = self.depths[rows].iter_mut().filter(|depth| is_of_it(**depth));
+        of_it.for_each(|depth| *depth = depth.saturating_add_signed(by).max(1));
     }
 
     fn find_in(&mut self, strip: usize, surface: &RoadSurface, parameters: &StixelParameters) {
@@ -464,38 +454,22 @@ mod tests {
     }
 
     #[test]
-    fn a_refined_stixel_moves_with_its_rows_and_no_others() {
-        let mut random = fastrand::Rng::with_seed(2);
-        // Surfaces at 3 px, of which the map says 2.6.
-        let scene: Vec<u8> =
-            std::iter::repeat_with(|| random.u8(..)).take(19 * 40).flat_map(|v| [v; 2]).collect();
-        let picture = |shift: usize| -> Vec<u8> {
-            (0..40).flat_map(|y| scene[y * 38 + shift..][..32].to_vec()).collect()
-        };
-        let images = [picture(0), picture(3)];
+    fn a_stixel_is_shifted_with_those_of_its_rows_that_are_of_it() {
         let mut stixels = Stixels::new(32, 40);
         stixels.depths.fill(666);
         stixels.depths[4 * 40 + 9] = 0;
         stixels.depths[4 * 40 + 12..4 * 40 + 20].fill(300);
-        let stixel = |strip: u32, disparity_px: f32| Stixel {
-            strip,
-            top: 5,
-            bottom: 34,
-            rows: 30,
-            disparity_px,
-            ..Stixel::default()
-        };
-        stixels.list.extend([stixel(4, 2.6), stixel(5, 20.0)]);
-        let [left, right] = images.each_ref().map(|bytes| GreyView::new(bytes, 32, 40, 32).unwrap());
-        stixels.refine([left, right]);
-        let found_px = stixels.list[0].disparity_px;
-        assert!((found_px - 3.0).abs() < 0.15, "{found_px}");
+        let stixel =
+            |strip: u32| Stixel { strip, top: 5, bottom: 34, disparity_px: 2.6, ..Stixel::default() };
+        stixels.list.extend([stixel(4), stixel(5)]);
+        stixels.shift(0, 0.25, |depth| depth > 600);
+        assert_eq!([0, 1].map(|i| stixels.list[i].disparity_px), [2.85, 2.6]);
         let rows = stixels.depths(4);
-        let moved = (f64::from(rows[5]) / 256.0 - f64::from(found_px)).abs();
-        assert!(moved < 0.01 && rows[34] == rows[5], "{rows:?}");
-        assert_eq!([rows[4], rows[9], rows[12], rows[19], rows[35]], [666, 0, 300, 300, 666]);
-        // What is near is not locked.
-        assert_eq!((stixels.list[1].disparity_px, stixels.depths(5)), (20.0, &[666; 40][..]));
+        assert_eq!([4, 5, 9, 12, 19, 34, 35].map(|y| rows[y]), [666, 730, 0, 300, 300, 730, 666]);
+        assert_eq!(stixels.depths(5), &[666; 40][..]);
+        // However far it is shifted, it is known.
+        stixels.shift(0, -100.0, |depth| depth > 0);
+        assert_eq!(stixels.depths(4)[5], 1);
     }
 
     #[test]

@@ -7,7 +7,7 @@
 //!
 //! Steps:
 //!
-//! 1. [`stixels`]: vertical runs of similar disparity above the road, in strips of 4 columns; their disparity is refined in both images
+//! 1. [`stixels`]: vertical runs of similar disparity above the road, in strips of 4 columns; their disparities are refined in both images
 //!    (`refinement`).
 //! 2. [`regions`]: neighbouring stixels are grouped into regions; the sides of things that run away from the camera belong to
 //!    them (`sides`).

@@ -425,10 +425,10 @@ impl RegionFinder {
             evidence: 0.0,
         };
         // Before the region is refined, as the stixels around it are.
-        let map_px = near_side.0 as f32;
-        let tolerance_px = link_tolerance_px([map_px; 2], surface, rig.disparity_px(1.0) as f32);
+        let near_px = near_side.0 as f32;
+        let tolerance_px = link_tolerance_px([near_px; 2], surface, rig.disparity_px(1.0) as f32);
         let strips = (stixels.strips(), |strip| &list[stixels.range(strip)]);
-        region.is_hidden = hidden_sides(strips, &region.bounds, map_px, tolerance_px);
+        region.is_hidden = hidden_sides(strips, &region.bounds, near_px, tolerance_px);
         let members = self.members.iter().map(|&i| &list[i as usize]);
         region.set_footprint(&footprint(members, disparity_px, disparity_px - near_side.0, rig));
         let kept = region.height_m >= p.min_height_m

@@ -15,6 +15,8 @@ const GROUP_SIZE: usize = 8;
 const TRANSPOSED_ROWS: usize = 16;
 /// Columns over which the gradient at a depth edge is measured.
 const EDGE_COLUMNS: usize = 4;
+/// Smallest disparity that the map can tell from none, in px.
+const MIN_DISPARITY_PX: f32 = 1.0 / 256.0;
 /// Largest number of consecutive rows without an estimate inside a stixel.
 const MAX_GAP_ROWS: usize = 10;
 
@@ -176,11 +178,11 @@ impl Stixels {
         self.starts[self.strips] = self.list.len() as u32;
     }
 
-    /// Changes the disparity of a stixel, by its index in [`Stixels::list`], and of those of its rows that are of it, by so many px. Heights
-    /// stay as the map has them.
+    /// Changes the disparity of a stixel, by its index in [`Stixels::list`], and those of the rows that belong to it, by so many px; both stay
+    /// above 0. Heights stay as the map has them.
     pub(super) fn shift(&mut self, index: usize, by_px: f32, is_of_it: impl Fn(u16) -> bool) {
         let stixel = &mut self.list[index];
-        stixel.disparity_px += by_px;
+        stixel.disparity_px = (stixel.disparity_px + by_px).max(MIN_DISPARITY_PX);
         let by = (256.0 * by_px).round() as i16;
         let first = stixel.strip as usize * self.height;
         let rows = first + usize::from(stixel.top)..=first + usize::from(stixel.bottom);
@@ -469,7 +471,7 @@ mod tests {
         assert_eq!(stixels.depths(5), &[666; 40][..]);
         // However far it is shifted, it is known.
         stixels.shift(0, -100.0, |depth| depth > 0);
-        assert_eq!(stixels.depths(4)[5], 1);
+        assert_eq!((stixels.depths(4)[5], stixels.list[0].disparity_px), (1, MIN_DISPARITY_PX));
     }
 
     #[test]

@@ -11,11 +11,12 @@
 //!    (`refinement`).
 //! 2. [`regions`]: neighbouring stixels are grouped into regions; the sides of things that run away from the camera belong to
 //!    them (`sides`).
-//! 3. [`photometric`]: regions are verified in both images, after their disparity has been refined there, too. What something
-//!    nearer hides of them is known (`occlusion`).
+//! 3. [`photometric`]: regions are verified in both images, after their disparity has been refined there, too; the sides of wide ones are
+//!    found there (`contour`). What something nearer hides of them is known (`occlusion`).
 //! 4. [`small_obstacles`]: obstacles too small for the disparity map, from the [`residual`] of both images.
 
 mod concavity;
+mod contour;
 mod evidence;
 mod footprint;
 mod occlusion;

@@ -13,19 +13,19 @@
 use super::residual::RoadGeometry;
 use super::stixels::{STRIP_COLUMNS, Stixels};
 use crate::image::GreyView;
-use crate::region::Region;
+use crate::region::{PixelBox, Region};
 use crate::simd::{Level, Simd, kernel};
 
 /// Largest number of rows of a region that are examined.
 const MAX_ROWS: usize = 24;
 /// Columns examined on either side of a region.
-const MARGIN_COLUMNS: usize = 6;
-/// Wider regions (with margins) are not verified; wide regions are reliable in the disparity map.
+pub(super) const MARGIN_COLUMNS: usize = 6;
+/// Wider regions (with margins) are not verified: they are reliable in the disparity map, but for their sides (`contour`).
 const MAX_COLUMNS: usize = 96;
 /// Fewest columns for a decision.
 const MIN_COLUMNS: usize = 4;
 /// Columns at the image border without a gradient.
-const BORDER: usize = 3;
+pub(super) const BORDER: usize = 3;
 /// Truncation of the gradient difference, in grey levels.
 const MAX_COST: f32 = 20.0;
 /// A surface closer to the disparity of the region than this, in px, is no alternative explanation.
@@ -33,7 +33,7 @@ const MIN_SURFACE_GAP_PX: f32 = 0.35;
 /// A stixel within this distance of the region's disparity, in px, belongs to the region.
 const REGION_STIXEL_PX: f32 = 0.5;
 /// Cost reduction of a row from which its sides are used, in grey levels.
-const MIN_SIDE_REDUCTION: f32 = 15.0;
+pub(super) const MIN_SIDE_REDUCTION: f32 = 15.0;
 /// Weights of the evidence: constant; logarithms of the mean cost reduction of the upper and the lower half
 /// (grey levels per row, plus [`CHANCE_REDUCTION`]); logarithm of the width (relative to 12 px). Fitted by
 /// logistic regression, together with the evidence of the disparity map, to regions of `street` and another
@@ -44,7 +44,7 @@ const CHANCE_REDUCTION: f64 = 5.0;
 /// Upper limit of the evidence.
 const MAX_EVIDENCE: f64 = 6.0;
 /// Cost of a missing surface; larger than that of any surface.
-const NO_SURFACE_COST: f32 = 1e6;
+pub(super) const NO_SURFACE_COST: f32 = 1e6;
 
 /// Left surface, road, right surface, and the surface of the region.
 const SURFACES: usize = 4;
@@ -91,8 +91,10 @@ impl Verification {
 
 /// Candidate disparities of a row, in px, and the range of columns to explain.
 #[derive(Clone, Copy, Debug)]
-struct Surfaces {
-    disparity_px: [Option<f32>; SURFACES],
+pub(super) struct Surfaces {
+    pub(super) disparity_px: [Option<f32>; SURFACES],
+    /// Whether the region continues to the left and to the right.
+    pub(super) is_continuous: [bool; 2],
     from: usize,
     to: usize,
 }
@@ -101,6 +103,9 @@ impl Verifier<'_> {
     /// Verifies a region. `None` if it is undecidable: too wide, too narrow, too near the image border, or at
     /// the same distance as its surroundings.
     pub fn verify(&self, region: &Region) -> Option<Verification> {
+        if self.is_too_wide(region) {
+            return None;
+        }
         let [left, right] = self.images;
         let b = &region.bounds;
         let step = (b.height as usize).div_ceil(MAX_ROWS).max(1);
@@ -150,15 +155,24 @@ impl Verifier<'_> {
         Some(Verification { cost_reduction: [mean(upper), mean(lower)], sides, width_px: b.width })
     }
 
+    /// Columns of a region and its margins in which there are gradients: the first, and that after the last one.
+    fn columns(&self, bounds: &PixelBox) -> (usize, usize) {
+        let (first, end) = (bounds.x as usize, (bounds.x + bounds.width) as usize);
+        let last = self.images[0].width().saturating_sub(BORDER);
+        (first.saturating_sub(MARGIN_COLUMNS).max(BORDER), (end + MARGIN_COLUMNS).min(last))
+    }
+
+    /// Whether a region is too wide to be verified.
+    pub(super) fn is_too_wide(&self, region: &Region) -> bool {
+        let (from, to) = self.columns(&region.bounds);
+        to > from + MAX_COLUMNS
+    }
+
     /// Candidate surfaces of row `y`; `None` if there is no alternative to the region.
-    fn surfaces(&self, region: &Region, y: usize) -> Option<Surfaces> {
+    pub(super) fn surfaces(&self, region: &Region, y: usize) -> Option<Surfaces> {
         let b = &region.bounds;
         let (first, end) = (b.x as usize, (b.x + b.width) as usize);
-        let (from, to) = (first.saturating_sub(MARGIN_COLUMNS), end + MARGIN_COLUMNS);
-        let (from, to) = (from.max(BORDER), to.min(self.images[0].width().saturating_sub(BORDER)));
-        if to > from + MAX_COLUMNS {
-            return None;
-        }
+        let (from, to) = self.columns(b);
         let known = |strip: Option<usize>| {
             let depth = self.stixels.depths(strip.filter(|s| *s < self.stixels.strips())?)[y];
             (depth > 0).then(|| f32::from(depth) / 256.0)
@@ -180,17 +194,17 @@ impl Verifier<'_> {
         let road_px = self.road.disparity_px(0.5 * (from + to) as f64, y).max(0.0) as f32;
         let other = |d: Option<f32>| d.filter(|d| (d - region_px).abs() > MIN_SURFACE_GAP_PX);
         // Where the surface of the region continues sideways, only the box itself is examined.
-        let is_continuous = |d: Option<f32>| d.is_some() && other(d).is_none();
-        let from = if is_continuous(left) { from.max(first) } else { from };
-        let to = if is_continuous(right) { to.min(end) } else { to };
+        let is_continuous = [left, right].map(|d| d.is_some() && other(d).is_none());
+        let from = if is_continuous[0] { from.max(first) } else { from };
+        let to = if is_continuous[1] { to.min(end) } else { to };
         let disparity_px = [other(left), other(Some(road_px)), other(right), Some(region_px)];
         let is_decidable = to >= from + MIN_COLUMNS && disparity_px[..3].iter().any(Option::is_some);
-        is_decidable.then_some(Surfaces { disparity_px, from, to })
+        is_decidable.then_some(Surfaces { disparity_px, is_continuous, from, to })
     }
 }
 
 /// Gradient differences of both images in a row from column `from` on, at a disparity of 0 px or more.
-fn gradient_costs(
+pub(super) fn gradient_costs(
     level: Level,
     left: &[u8],
     right: &[u8],
@@ -266,7 +280,6 @@ mod tests {
     use super::*;
     use crate::depth::DepthView;
     use crate::outline::Outline;
-    use crate::region::PixelBox;
     use crate::rig::Rig;
     use crate::road::surface::RoadSurface;
     use crate::road::tilt::Tilt;

@@ -214,6 +214,12 @@ impl RegionFinder {
         }
         join_sides(&mut self.regions, rig);
         self.regions.retain(|region| region.evidence >= MIN_EVIDENCE);
+        if let Some(verifier) = verifier {
+            for region in self.regions.iter_mut().filter(|region| verifier.is_too_wide(region)) {
+                let sides = verifier.sides(region);
+                region.set_sides(sides, rig);
+            }
+        }
         &self.regions
     }
 

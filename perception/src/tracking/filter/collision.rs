@@ -36,8 +36,16 @@ impl Estimate {
             return (closing > 0.0).then(|| z / closing);
         }
         let seconds = braking_seconds(z, closing, braking);
-        // What drives ahead stops, and does not come back.
-        let stops_s = if self.state[VZ] > 0.0 { self.state[VZ] / braking } else { f64::INFINITY };
+        // What drives ahead stops, and does not come back. What does not drive ahead does not brake; while the own speed is unknown, speeds
+        // are relative and tell nothing of that.
+        let (ahead_m_s, is_over_ground) = (self.state[VZ], self.own_rate != [0.0; 2]);
+        let stops_s = if ahead_m_s > 0.0 {
+            ahead_m_s / braking
+        } else if is_over_ground && ahead_m_s > -2.0 * self.sigma(VZ) {
+            0.0
+        } else {
+            f64::INFINITY
+        };
         if seconds <= stops_s {
             return Some(seconds);
         }

@@ -118,6 +118,18 @@ mod tests {
         // It stops after 2 s and 10 m; of the 30 m until there we then have 10 m left, at 10 m/s.
         let seconds = filter.seconds_to_collision().unwrap();
         assert!((seconds - 3.0).abs() < 1e-3, "{seconds}");
+        // What crosses does not brake: 2 s at our speed, however its own is said to grow towards us.
+        filter.accelerating.state[VZ] = -0.1;
+        let seconds = filter.seconds_to_collision().unwrap();
+        assert!((seconds - 20.0 / 10.1).abs() < 1e-3, "{seconds}");
+        // What comes towards us may, and while the own speed is unknown nobody knows.
+        filter.accelerating.state[VZ] = -10.0;
+        filter.accelerating.p[(VZ, VZ)] = 1.0;
+        let oncoming = filter.seconds_to_collision().unwrap();
+        assert!((oncoming - braking_seconds(20.0, 20.0, 5.0)).abs() < 1e-3, "{oncoming}");
+        (filter.accelerating.state[VZ], filter.accelerating.own_rate[1]) = (-0.1, 0.0);
+        let unknown = filter.seconds_to_collision().unwrap();
+        assert!((unknown - braking_seconds(20.0, 0.1, 5.0)).abs() < 1e-3, "{unknown}");
         let ttc = TimeToCollision { seconds: 2.0, sigma_s: 0.1 };
         assert!((ttc.braking_m_s2(10.0, 0.0) - 5.0).abs() < 1e-9);
         assert_eq!(ttc.braking_m_s2(10.0, 6.0), 0.0);

@@ -1,0 +1,299 @@
+//! Sides of wide regions, found in the two images.
+//!
+//! Where there is no texture beside a thing, as at the horizon or before a plain wall, the matcher continues the thing's disparity into
+//! it: the region is wider than the thing, and an image patch of it shows what is behind. Around each side of a region a row is
+//! therefore divided into the surface beside it, the road and the surface of the region, in this order, where the gradients of both
+//! images fit best ([`super::photometric`] does the same with the whole of a narrow region). Columns without texture fit every
+//! surface; they are assigned to what is outside, up to the first edge that fits the region alone.
+
+use super::photometric::{
+    BORDER, MARGIN_COLUMNS, MIN_SIDE_REDUCTION, NO_SURFACE_COST, Verifier, gradient_costs,
+};
+use crate::region::Region;
+use std::ops::Range;
+
+/// Largest number of rows of a region that are examined.
+const MAX_ROWS: usize = 12;
+/// A side is found in at least so many rows, and in this share of those that are examined: the upper rows of a car's side end at its
+/// roof.
+const MIN_ROWS: usize = 3;
+const MIN_SHARE: usize = 3;
+/// Largest number of columns that are examined at each side, [`MARGIN_COLUMNS`] of them outside: three times as many as the matcher
+/// smears over asphalt.
+const COLUMNS: usize = 54;
+/// Cost of a column of the region's surface, in grey levels.
+const COLUMN_COST: f32 = 0.3;
+/// Surfaces in their order from the outside: beside the region, the road, the region.
+const SURFACES: usize = 3;
+/// The last of them.
+const OWN: usize = 2;
+
+type Costs = [[f32; COLUMNS]; SURFACES];
+
+impl Verifier<'_> {
+    /// First column of a region and the column after its last one, in px, within its box, as the images show them. A side that they do not
+    /// show, that runs away from the camera, or that the border of an image cuts, is that of the box.
+    pub fn sides(&self, region: &Region) -> (u32, u32) {
+        let b = &region.bounds;
+        let (first, end) = (b.x as usize, (b.x + b.width) as usize);
+        let (width, height) = (self.images[0].width(), self.images[0].height());
+        // The right image shows nothing farther left.
+        let hidden = region.disparity_px.ceil().max(0.0) as usize;
+        let is_cut = [first < hidden + MARGIN_COLUMNS + BORDER, end + MARGIN_COLUMNS + BORDER > width];
+        let oblique = region.outline.end_depth_m;
+        let is_shown = |side: &usize| !is_cut[*side] && oblique[*side] <= 0.0 && region.inset_m[*side] <= 0.0;
+        let count = ((end - first) / 2 + MARGIN_COLUMNS).min(COLUMNS);
+        let step = (b.height as usize).div_ceil(MAX_ROWS).max(1);
+        let (mut beside, mut counts, mut rows) = ([[0; MAX_ROWS]; 2], [0; 2], 0);
+        for y in (b.y as usize..((b.y + b.height) as usize).min(height)).step_by(step).take(MAX_ROWS) {
+            rows += 1;
+            let Some(surfaces) = self.surfaces(region, y) else { continue };
+            let [left_px, road_px, right_px, own_px] = surfaces.disparity_px;
+            for side in (0..2).filter(is_shown) {
+                let columns = if side == 0 {
+                    first - MARGIN_COLUMNS..first - MARGIN_COLUMNS + count
+                } else {
+                    end + MARGIN_COLUMNS - count..end + MARGIN_COLUMNS
+                };
+                let surfaces_px = [[left_px, right_px][side], road_px, own_px];
+                let found = if surfaces.is_continuous[side] {
+                    Some(0)
+                } else {
+                    self.columns_beside(y, surfaces_px, columns, side == 1)
+                };
+                if let Some(columns) = found {
+                    beside[side][counts[side]] = columns.saturating_sub(MARGIN_COLUMNS);
+                    counts[side] += 1;
+                }
+            }
+        }
+        let [left, right] = [0, 1].map(|side| {
+            let beside = &mut beside[side][..counts[side]];
+            beside.sort_unstable();
+            let is_found = beside.len() >= MIN_ROWS && MIN_SHARE * beside.len() >= rows;
+            // The outer fifth of the rows is ignored, since mirrors or wheels may protrude.
+            if is_found { beside[beside.len() / 5] as u32 } else { 0 }
+        });
+        (b.x + left, b.x + b.width - right)
+    }
+
+    /// How many of these columns around a side of a region are outside it in row `y`, by the disparities of the surface beside it, the road
+    /// and itself, in px. `is_right`: the outermost one is the last one. `None` without another surface, or if that of the region explains
+    /// the row too little better.
+    fn columns_beside(
+        &self,
+        y: usize,
+        surfaces_px: [Option<f32>; SURFACES],
+        columns: Range<usize>,
+        is_right: bool,
+    ) -> Option<usize> {
+        if surfaces_px[..OWN].iter().all(Option::is_none) {
+            return None;
+        }
+        let [left, right] = self.images.map(|image| image.row(y));
+        let mut costs: Costs = [[NO_SURFACE_COST; COLUMNS]; SURFACES];
+        for (disparity_px, costs) in surfaces_px.iter().zip(&mut costs) {
+            if let Some(disparity_px) = *disparity_px {
+                let costs = &mut costs[..columns.len()];
+                gradient_costs(self.stixels.level(), left, right, disparity_px, columns.start, costs);
+                if is_right {
+                    costs.reverse();
+                }
+            }
+        }
+        columns_before(&costs, columns.len())
+    }
+}
+
+/// Columns before those of the last surface, where a row is divided into surfaces in their order and ends with the last one at the least
+/// cost. `None` if the others explain it nearly as well.
+fn columns_before(costs: &Costs, count: usize) -> Option<usize> {
+    let (mut sums, mut before) = ([0.0_f32; SURFACES], 0);
+    for x in 0..count {
+        for surface in (0..SURFACES).rev() {
+            // The surface before may end here; at equal costs this one begins later.
+            let ends = sums[..surface].iter().copied().fold(f32::INFINITY, f32::min);
+            if ends <= sums[surface] {
+                sums[surface] = ends;
+                before = if surface == OWN { x } else { before };
+            }
+            let column_cost = if surface == OWN { COLUMN_COST } else { 0.0 };
+            sums[surface] += costs[surface][x] + column_cost;
+        }
+    }
+    let others = sums[..OWN].iter().copied().fold(f32::INFINITY, f32::min);
+    (others - sums[OWN] > MIN_SIDE_REDUCTION).then_some(before)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::residual::RoadGeometry;
+    use super::super::stixels::{StixelParameters, Stixels};
+    use super::*;
+    use crate::depth::DepthView;
+    use crate::image::GreyView;
+    use crate::outline::Outline;
+    use crate::region::PixelBox;
+    use crate::rig::Rig;
+    use crate::road::surface::RoadSurface;
+    use crate::road::tilt::Tilt;
+    use crate::stereo::DisparityView;
+
+    const SIZE: (usize, usize) = (256, 64);
+    const RIG: Rig = Rig { focal_px: 500.0, baseline_m: 0.2, cx_px: 128.0, cy_px: 0.0 };
+    /// Disparities of the background and of the thing.
+    const BACKGROUND: usize = 2;
+    const THING: usize = 8;
+
+    /// A pair with a textured thing in some columns; what is behind it has a texture of so many grey levels.
+    fn pair(thing: Range<usize>, behind: u8) -> [Vec<u8>; 2] {
+        let mut random = fastrand::Rng::with_seed(5);
+        let (width, height) = SIZE;
+        let mut pair = [vec![0_u8; width * height], vec![0_u8; width * height]];
+        for y in 0..height {
+            let mut texture = |grey: std::ops::RangeInclusive<u8>| {
+                let mut row = vec![0_u8; width + 16];
+                row.chunks_mut(2).for_each(|two| two.fill(random.u8(grey.clone())));
+                row
+            };
+            let (far, near) = (texture(150..=150 + behind), texture(20..=140));
+            for (image, [far_px, near_px]) in pair.iter_mut().zip([[0, 0], [BACKGROUND, THING]]) {
+                let row = &mut image[y * width..][..width];
+                row.copy_from_slice(&far[far_px..][..width]);
+                row[thing.start - near_px..thing.end - near_px].copy_from_slice(&near[thing.clone()]);
+            }
+        }
+        pair
+    }
+
+    /// The sides of a box with the disparity of the thing; the map has that inside the box, and that of the background elsewhere.
+    fn sides(pair: &[Vec<u8>; 2], bounds: PixelBox) -> (u32, u32) {
+        let (width, height) = SIZE;
+        let view = |image| GreyView::new(image, width, height, width).unwrap();
+        let mut map = vec![(BACKGROUND * 256) as u16; width * height];
+        for row in map.chunks_exact_mut(width) {
+            row[bounds.x as usize..(bounds.x + bounds.width) as usize].fill((THING * 256) as u16);
+        }
+        let confidence = vec![255; width * height];
+        let depth = DepthView::new(DisparityView::new(&map, width, height).unwrap(), &confidence).unwrap();
+        let mut stixels = Stixels::new(width, height);
+        let parameters = StixelParameters {
+            min_height_m: 0.1,
+            sigmas: 0.0,
+            min_rise_px: 0.1,
+            max_height_m: 3.0,
+            min_disparity_px: 1.0,
+            min_confidence: 100,
+            max_gradient_px: 1.0,
+        };
+        stixels.find(depth, &RoadSurface::new(RIG, width, height, 32), &parameters);
+        let profile_px = vec![1.0; height];
+        let road = RoadGeometry { profile_px: &profile_px, tilt: Tilt::default(), rig: RIG };
+        let region = Region {
+            bounds,
+            disparity_px: THING as f64,
+            disparity_sigma_px: 0.1,
+            distance_m: 12.5,
+            lateral_m: 0.0,
+            width_m: 3.0,
+            height_m: 1.0,
+            inset_m: [0.0; 2],
+            is_hidden: [false; 2],
+            outline: Outline::default(),
+            pixels: 5000,
+            confidence: 0.9,
+            evidence: 4.0,
+        };
+        Verifier { images: [view(&pair[0]), view(&pair[1])], road, stixels: &stixels }.sides(&region)
+    }
+
+    const BOX: PixelBox = PixelBox { x: 60, y: 8, width: 128, height: 40 };
+
+    #[test]
+    fn what_has_no_texture_beside_a_thing_is_not_of_it() {
+        let (first, end) = sides(&pair(92..170, 0), BOX);
+        // The columns left of the thing that the right image does not show may belong to either.
+        assert!((84..=94).contains(&first) && end.abs_diff(170) <= 2, "{first} {end}");
+    }
+
+    #[test]
+    fn texture_at_another_distance_is_not_of_it_either() {
+        let (first, end) = sides(&pair(92..170, 60), BOX);
+        assert!((84..=94).contains(&first) && end.abs_diff(170) <= 2, "{first} {end}");
+    }
+
+    #[test]
+    fn a_box_that_fits_remains_as_it_is() {
+        for behind in [0, 60] {
+            let (first, end) = sides(&pair(60..188, behind), BOX);
+            assert!(first <= 62 && end >= 186, "{first} {end}");
+        }
+    }
+
+    #[test]
+    fn what_is_plain_itself_ends_at_its_edges() {
+        for bounds in [BOX, PixelBox { x: 80, width: 100, ..BOX }, PixelBox { x: 92, width: 78, ..BOX }] {
+            let mut pair = pair(92..170, 0);
+            // A plain thing with one line in the middle.
+            for row in pair[0].chunks_exact_mut(SIZE.0) {
+                row[92..170].fill(60);
+                row[128..130].fill(120);
+            }
+            for row in pair[1].chunks_exact_mut(SIZE.0) {
+                row[92 - THING..170 - THING].fill(60);
+                row[128 - THING..130 - THING].fill(120);
+            }
+            let (first, end) = sides(&pair, bounds);
+            assert!((84..=94).contains(&first) && end.abs_diff(170) <= 2, "{first} {end}");
+        }
+    }
+
+    #[test]
+    fn where_nothing_is_seen_nothing_is_cut() {
+        let (width, height) = SIZE;
+        let flat = [vec![90; width * height], vec![90; width * height]];
+        assert_eq!(sides(&flat, BOX), (60, 188));
+        // Too few rows, and too few columns.
+        assert_eq!(sides(&pair(92..170, 0), PixelBox { height: 2, ..BOX }), (60, 188));
+        assert_eq!(sides(&pair(92..170, 0), PixelBox { width: 1, ..BOX }), (60, 61));
+    }
+
+    #[test]
+    fn a_side_at_the_border_of_the_image_remains_there() {
+        let pair = pair(92..170, 0);
+        let (first, end) = sides(&pair, PixelBox { x: 0, width: 190, ..BOX });
+        assert!(first == 0 && end.abs_diff(170) <= 2, "{first} {end}");
+        let (first, end) = sides(&pair, PixelBox { x: 80, width: 176, ..BOX });
+        assert!((84..=94).contains(&first) && end == 256, "{first} {end}");
+        sides(&pair, PixelBox { y: 60, ..BOX });
+    }
+
+    #[test]
+    fn the_division_of_a_row_equals_exhaustive_search() {
+        let mut random = fastrand::Rng::with_seed(9);
+        let count = 7;
+        let mut found = 0;
+        for _ in 0..200 {
+            let mut costs: Costs = [[NO_SURFACE_COST; COLUMNS]; SURFACES];
+            for costs in &mut costs {
+                costs[..count].fill_with(|| random.f32() * 20.0);
+            }
+            // Every end of the outer surface and every begin of the region's.
+            let sum = |outer: usize, own: usize| {
+                let part =
+                    |surface: usize, columns: Range<usize>| costs[surface][columns].iter().sum::<f32>();
+                let own_cost = COLUMN_COST * (count - own) as f32;
+                part(0, 0..outer) + part(1, outer..own) + part(OWN, own..count) + own_cost
+            };
+            let all = (0..=count).flat_map(|own| (0..=own).map(move |outer| (outer, own)));
+            let with_own = all.clone().filter(|(_, own)| *own < count);
+            let best = with_own.map(|(a, b)| (sum(a, b), b)).min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+            let others =
+                all.filter(|(_, own)| *own == count).map(|(a, b)| sum(a, b)).reduce(f32::min).unwrap();
+            let expected = (others - best.0 > MIN_SIDE_REDUCTION).then_some(best.1);
+            assert_eq!(columns_before(&costs, count), expected, "{costs:?}");
+            found += u32::from(expected.is_some());
+        }
+        assert!((20..180).contains(&found), "{found}");
+    }
+}

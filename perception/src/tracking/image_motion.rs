@@ -54,6 +54,11 @@ const MIN_SCALE_SIGMA: f64 = 0.004;
 /// Smallest standard deviation of a column, in px.
 const MIN_COLUMN_SIGMA_PX: f64 = 0.1;
 
+/// Poses that differ by less, in px and in scale, are the same: where registration settles.
+const SAME_PX: f64 = 0.03;
+/// See [`SAME_PX`].
+const SAME_SCALE: f64 = 5e-4;
+
 /// Uncertainty of the depth of the visible surface behind the tracked near side, in metres.
 const DEPTH_OFFSET_M: f64 = 0.4;
 
@@ -154,6 +159,12 @@ fn is_aside(track: &Track) -> bool {
     now_m.abs().min(then_m.abs()) > limit_m && now_m * then_m > 0.0
 }
 
+/// Whether poses in consecutive images are the same but for what registration leaves, as in a picture that is repeated: noise, the own
+/// pitch and the motion change one that is not.
+fn is_same(a: &Pose, b: &Pose) -> bool {
+    (a.x - b.x).abs().max((a.y - b.y).abs()) < SAME_PX && (a.scale - b.scale).abs() < SAME_SCALE
+}
+
 impl ImageMotionMeter {
     /// A meter for crops of images of up to `width` × `height` px.
     pub fn new(width: usize, height: usize) -> Self {
@@ -200,6 +211,10 @@ impl ImageMotionMeter {
             if found.is_none() && is_due {
                 found = template.patch.register(&self.reduced, [Pose { x, y, scale }], [3, 3]);
             }
+        }
+        if is_followed && found.is_some_and(|found| is_same(&found.pose, &template.pose)) {
+            // A source repeats a picture with another time: it tells of no motion, and the next one of more than that of a frame.
+            return ImageMotion::default();
         }
         let mut motion = ImageMotion {
             scale: found.map(|found| ImageScale {

@@ -251,3 +251,22 @@ fn a_failed_registration_changes_nothing() {
     }
     assert_eq!(tracker.tracks().len(), 1);
 }
+
+#[test]
+fn an_image_that_is_repeated_tells_of_no_motion() {
+    for (next_m, is_repeated) in [(25.0, true), (24.6, false)] {
+        let (first, region) = image(25.0, 0.0, &mut fastrand::Rng::with_seed(1));
+        let (second, _) = image(next_m, 0.0, &mut fastrand::Rng::with_seed(1));
+        let mut tracker = Tracker::new(TrackerParameters::default(), RIG, SIZE);
+        let mut meter = ImageMotionMeter::new(SIZE.0, SIZE.1);
+        for (frame, pixels) in [&first, &second].into_iter().enumerate() {
+            let time_ns = frame as u64 * PERIOD_NS;
+            let image = GreyView::new(pixels, SIZE.0, SIZE.1, SIZE.0).expect("valid size");
+            tracker.update(time_ns, &[region]);
+            let before = tracker.tracks()[0].filter;
+            tracker.measure_image_motion(&mut meter, time_ns, |_| Some((image, (0, 0))));
+            let is_unchanged = tracker.tracks()[0].filter == before;
+            assert!(frame == 0 || is_unchanged == is_repeated, "{next_m}");
+        }
+    }
+}

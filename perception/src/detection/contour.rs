@@ -14,10 +14,10 @@ use std::ops::Range;
 
 /// Largest number of rows of a region that are examined.
 const MAX_ROWS: usize = 12;
-/// A side is found in at least so many rows, and in this share of those that are examined: the upper rows of a car's side end at its
-/// roof.
+/// Fewest rows that show a side,
 const MIN_ROWS: usize = 3;
-const MIN_SHARE: usize = 3;
+/// and the part of those that are examined, as its denominator: no more of a car's side reach to its bumper.
+const MIN_PART: usize = 3;
 /// Largest number of columns that are examined at each side, [`MARGIN_COLUMNS`] of them outside: three times as many as the matcher
 /// smears over asphalt.
 const COLUMNS: usize = 54;
@@ -70,7 +70,7 @@ impl Verifier<'_> {
         let [left, right] = [0, 1].map(|side| {
             let beside = &mut beside[side][..counts[side]];
             beside.sort_unstable();
-            let is_found = beside.len() >= MIN_ROWS && MIN_SHARE * beside.len() >= rows;
+            let is_found = beside.len() >= MIN_ROWS && MIN_PART * beside.len() >= rows;
             // The outer fifth of the rows is ignored, since mirrors or wheels may protrude.
             if is_found { beside[beside.len() / 5] as u32 } else { 0 }
         });
@@ -108,6 +108,7 @@ impl Verifier<'_> {
 /// Columns before those of the last surface, where a row is divided into surfaces in their order and ends with the last one at the least
 /// cost. `None` if the others explain it nearly as well.
 fn columns_before(costs: &Costs, count: usize) -> Option<usize> {
+    // In sums, the cost of each surface if it is the one that the row has reached.
     let (mut sums, mut before) = ([0.0_f32; SURFACES], 0);
     for x in 0..count {
         for surface in (0..SURFACES).rev() {

@@ -259,7 +259,7 @@ fn correlation(points: &[Point], image: &ReducedImage, pose: Pose) -> Option<f64
 /// what is behind the thing, or a limb that swings: what differs more than the rest counts less (iteratively reweighted, with the weights
 /// of Geman and McClure).
 fn refine(points: &[Point], image: &ReducedImage, mut pose: Pose) -> Option<Registered> {
-    // Gain, offset, and scale of the differences, squared, of the last iteration.
+    // Gain, offset, and variance of the residuals, of the last iteration.
     let mut last: Option<[f64; 3]> = None;
     for _ in 0..MAX_ITERATIONS {
         let mut normal = SMatrix::<f64, 5, 5>::zeros();
@@ -395,7 +395,7 @@ mod tests {
             patch.reduce(view(&second), &mut reduced);
             let found = patch.register(&reduced, [start], [2, 1]).expect("it is there");
             let errors = [found.pose.x - 60.0 - shift[0], found.pose.y - 50.0 - shift[1]];
-            // All alike, they are up to 0.9 px.
+            // Without weights the error is up to 0.9 px.
             assert!(errors.iter().all(|e| e.abs() < 0.4), "{shift:?} {scale}: {errors:?}");
             assert!((found.pose.scale - scale).abs() < 0.01, "{found:?}");
         }

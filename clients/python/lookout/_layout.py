@@ -70,7 +70,7 @@ __all__ = [
     "RIG",
 ]
 
-LAYOUT = 10
+LAYOUT = 11
 
 # Limits.
 MAX_OBSTACLES = 128

@@ -40,6 +40,7 @@ pub fn record(obstacle: &Obstacle, rig: &Rig) -> TrackRecord {
         across_sigma_m_s: obstacle.lateral_speed_sigma_m_s,
         along_m_s: ground.map_or(0.0, |g| g.speed_m_s[1]),
         along_sigma_m_s: ground.map_or(0.0, |g| g.speed_sigma_m_s[1]),
+        correlations: ground.map_or([0.0; 6], |g| g.correlations),
         closing_m_s: obstacle.closing_m_s,
         closing_sigma_m_s: obstacle.closing_sigma_m_s,
         time_to_collision_s: obstacle.time_to_collision.map_or(f64::INFINITY, |t| t.seconds),
@@ -87,6 +88,7 @@ pub fn obstacle(record: &TrackRecord) -> Obstacle {
             speed_m_s: [across_m_s, record.along_m_s],
             speed_sigma_m_s: [record.across_sigma_m_s, record.along_sigma_m_s],
             place_sigma_m: [record.lateral_sigma_m, record.distance_sigma_m],
+            correlations: record.correlations,
             movement,
         }),
     }
@@ -123,7 +125,9 @@ mod tests {
             ground: None,
         };
         let ground = |movement, speed_m_s| {
-            Some(GroundMotion { speed_m_s, speed_sigma_m_s: [0.2, 0.5], place_sigma_m: [0.1, 0.4], movement })
+            let correlations = [0.9, -0.2, 0.0, 0.3, 1.0, -0.8];
+            let (speed_sigma_m_s, place_sigma_m) = ([0.2, 0.5], [0.1, 0.4]);
+            Some(GroundMotion { speed_m_s, speed_sigma_m_s, place_sigma_m, correlations, movement })
         };
         for obstacle_before in [
             relative,

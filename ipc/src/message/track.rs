@@ -70,6 +70,9 @@ pub struct TrackRecord {
     pub along_m_s: f64,
     /// Standard deviation of the speed along z, in m/s.
     pub along_sigma_m_s: f64,
+    /// Correlations of the errors of lateral position and distance, lateral position and speed, lateral position and speed along z,
+    /// distance and lateral speed, distance and speed along z, and both speeds, -1 to 1. 0 if the speeds are not over ground.
+    pub correlations: [f64; 6],
     /// Closing speed in m/s; positive while the distance decreases.
     pub closing_m_s: f64,
     /// Standard deviation of the closing speed, in m/s.
@@ -113,6 +116,7 @@ ranges! {
         across_sigma_m_s: SPEED_SIGMA_M_S,
         along_m_s: SPEED_M_S,
         along_sigma_m_s: SPEED_SIGMA_M_S,
+        correlations: Each(within(-1.0, 1.0)),
         closing_m_s: SPEED_M_S,
         closing_sigma_m_s: SPEED_SIGMA_M_S,
         time_to_collision_s: within_or_infinite(0.0, MAX_COLLISION_S),

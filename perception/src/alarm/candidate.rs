@@ -91,11 +91,9 @@ impl Candidate {
             .into_iter()
             .chain(ttc)
             .chain(self.outline.measures_m())
-            .chain(
-                self.ground
-                    .iter()
-                    .flat_map(|g| [g.speed_m_s, g.speed_sigma_m_s, g.place_sigma_m].into_iter().flatten()),
-            )
+            .chain(self.ground.iter().flat_map(|g| {
+                [g.speed_m_s, g.speed_sigma_m_s, g.place_sigma_m].into_iter().flatten().chain(g.correlations)
+            }))
             .all(f64::is_finite)
     }
 

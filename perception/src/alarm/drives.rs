@@ -326,6 +326,7 @@ fn a_turn_that_begins_raises_alarms_but_no_warnings() {
         speed_m_s: [0.0; 2],
         speed_sigma_m_s: [0.1; 2],
         place_sigma_m: [0.1; 2],
+        correlations: [0.0; 6],
         movement: Movement::Standing,
     };
     let level_at = |distance_m: f64, is_turning_in: bool| {
@@ -513,6 +514,7 @@ fn who_may_be_in_the_way_of_a_turn_raises_a_warning_and_keeps_no_alarm() {
             speed_m_s,
             speed_sigma_m_s: [0.3; 2],
             place_sigma_m: [0.05, 0.1],
+            correlations: [0.0; 6],
             movement: Movement::Moving,
         }),
         ..Candidate::default()

@@ -4,8 +4,8 @@
 //! arrives along the arc, and the probability that the obstacle then overlaps the strip.
 //!
 //! One noise model: the offset of the obstacle from the path at the time of arrival is normally distributed. Its
-//! variance is that of the measured place, of the obstacle's own motion until then, and of the path. An obstacle is in the
-//! way if an overlap is probable (`IN_THE_WAY`).
+//! variance is that of the measured place and speed, which err together, of the time of arrival, of what the obstacle
+//! changes until then, and of the path. An obstacle is in the way if an overlap is probable (`IN_THE_WAY`).
 //!
 //! Where a moving thing will be is predicted twice: straight on over ground, and along the path with the offset's rate,
 //! as traffic in a bend does. As in [`super::path`] both must agree before a thing that is outside counts, or one that is
@@ -17,6 +17,7 @@ use crate::outline::Outline;
 use crate::tracking::filter::ground::{GroundMotion, Movement};
 use crate::tracking::filter::{TimeToCollision, braking_seconds};
 use crate::tracking::parameters::{WANDER_NOISE, WANDER_TIME_S};
+use nalgebra::Vector4;
 
 /// An obstacle in the axes of the camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,6 +80,8 @@ const SIDE_SIGMA_M: f64 = 0.1;
 const MAX_PREDICTION_S: f64 = 6.0;
 /// Speed along the path below which nothing arrives, in m/s.
 const MIN_CLOSING_M_S: f64 = 0.1;
+/// Largest speed across as a share of the closing speed that counts: what crosses faster is there before or after.
+const MAX_WAY: f64 = 3.0;
 /// Smallest gap to the front, in metres: what is beside the front has been reached.
 pub const MIN_GAP_M: f64 = 0.1;
 /// What traffic in a bend may change of its lateral acceleration, as a share of that with which it follows our path: it may
@@ -214,21 +217,34 @@ struct Course {
     keeps_lane: bool,
 }
 
-/// Variance of the offset of an obstacle after `seconds`, without that of the path.
-fn variance_m2(path: &SweptPath, course: &Course, along: &AlongPath, seconds: f64) -> f64 {
+/// Variance of the offset of an obstacle at the arrival in `seconds`, without that of the path. `closing_m_s`: the speed with which the
+/// vehicle arrives.
+fn variance_m2(
+    path: &SweptPath,
+    course: &Course,
+    along: &AlongPath,
+    (seconds, closing_m_s): (f64, f64),
+) -> f64 {
     let ground = &course.ground;
     // The offset is across the path's heading there.
     let (sine, cosine) = along.heading_rad.sin_cos();
-    let across = |[right, ahead]: Planar| (cosine * right).hypot(sine * ahead);
-    let place_m = across(ground.place_sigma_m).hypot(SIDE_SIGMA_M);
+    let [right_m_s, ahead_m_s] = ground.speed_m_s;
+    // What is farther away, or slower to come, is met later, and farther along its way.
+    let way = if closing_m_s > MIN_CLOSING_M_S {
+        ((cosine * right_m_s + sine * ahead_m_s) / closing_m_s).clamp(-MAX_WAY, MAX_WAY)
+    } else {
+        0.0
+    };
+    let across = [cosine - way * sine, sine + way * cosine];
+    let moved_s = if ground.movement == Movement::Standing { 0.0 } else { seconds };
+    let by = Vector4::new(across[0], across[1], across[0] * moved_s, across[1] * moved_s);
+    let measured_m2 = by.dot(&(ground.covariance() * by)).max(0.0) + SIDE_SIGMA_M * SIDE_SIGMA_M;
     if ground.movement == Movement::Standing {
-        return place_m * place_m;
+        return measured_m2;
     }
-    let moved_m = across(ground.speed_sigma_m_s) * seconds;
     let wander_share = if course.keeps_lane { LANE_WANDER_SHARE } else { 1.0 };
-    let mut sum_m2 = place_m * place_m + moved_m * moved_m + wander_share * wander_m2(seconds);
+    let mut sum_m2 = measured_m2 + wander_share * wander_m2(seconds);
     if course.may_follow {
-        let [right_m_s, ahead_m_s] = ground.speed_m_s;
         let turned_m = BEND_SHARE * following_m_s2(path, ground, along) * seconds * seconds / 2.0;
         let headed_m = path.heading_sigma_rad(along.arc_m) * ahead_m_s.hypot(right_m_s) * seconds;
         sum_m2 += turned_m * turned_m + headed_m * headed_m;
@@ -267,8 +283,10 @@ fn as_traffic(path: &SweptPath, obstacle: &Obstacle) -> (GroundMotion, bool) {
     let turned = |[right, ahead]: Planar| [cosine * right + sine * ahead, cosine * ahead - sine * right];
     let [across_m_s, along_m_s] = turned(ground.speed_m_s);
     let speed_m_s = across_m_s.hypot(along_m_s);
-    let [right_sigma, ahead_sigma] = ground.speed_sigma_m_s;
-    let measured_m2 = (cosine * right_sigma).powi(2) + (sine * ahead_sigma).powi(2);
+    let covariance = ground.covariance();
+    let by_speed = Vector4::new(0.0, 0.0, cosine, sine);
+    let with = covariance * by_speed;
+    let measured_m2 = by_speed.dot(&with).max(0.0);
     // The lane's heading is that of the path, as far as it is known there.
     let heading_rad = path.heading_sigma_rad(along.arc_m).hypot(path.curvature_sigma_per_m * along.arc_m);
     let lane_m2 = TRAFFIC_ACROSS_SIGMA_M_S.powi(2) + (heading_rad * speed_m_s).powi(2);
@@ -276,14 +294,11 @@ fn as_traffic(path: &SweptPath, obstacle: &Obstacle) -> (GroundMotion, bool) {
     if speed_m_s < MIN_TRAFFIC_M_S || across_m_s.abs() > MAX_TRAFFIC_SINE * speed_m_s || leaves {
         return (ground, false);
     }
-    let share = lane_m2 / (lane_m2 + measured_m2);
-    let kept_m_s = share * across_m_s;
-    // What is better known across is so in both axes, as far as these are across.
-    let known_m2 = (1.0 - share) * measured_m2;
-    let less = |sigma: f64, part: f64| (sigma * sigma - part * part * known_m2).max(0.0).sqrt();
-    let speed_m_s = [cosine * kept_m_s - sine * along_m_s, sine * kept_m_s + cosine * along_m_s];
-    let speed_sigma_m_s = [less(right_sigma, cosine), less(ahead_sigma, sine)];
-    (GroundMotion { speed_m_s, speed_sigma_m_s, ..ground }, true)
+    let gain = with / (lane_m2 + measured_m2);
+    let [right_m_s, ahead_m_s] = ground.speed_m_s;
+    let speed_m_s = [right_m_s - gain[2] * across_m_s, ahead_m_s - gain[3] * across_m_s];
+    let kept = GroundMotion { speed_m_s, ..ground }.with_covariance(&(covariance - gain * with.transpose()));
+    (kept, true)
 }
 
 /// When the arc length between front and obstacle is 0, in seconds, and the mean speed at which it closes, in m/s. `gap_m` is that
@@ -365,7 +380,11 @@ pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
     // Whether it may follow our path, as traffic does, or can only go on as it goes.
     let may_follow = following_m_s2(path, &ground, &now.nearest) <= MAX_FOLLOWING_M_S2;
     let course = Course { ground, may_follow, keeps_lane };
-    let own_m2 = |along: &AlongPath, seconds: f64| variance_m2(path, &course, along, seconds);
+    let own_m2 = |along: &AlongPath, seconds: f64| {
+        let is_arrival = seconds > 0.0 && seconds < MAX_PREDICTION_S;
+        let met_m_s = if is_arrival { closing_m_s } else { 0.0 };
+        variance_m2(path, &course, along, (seconds, met_m_s))
+    };
     let now_m = now.nearest.arc_m;
     // Where the vehicle's front then is, or what comes from there later than predictions reach.
     let arrival_m = then.nearest.arc_m.max(camera_m + path.body.front_m);

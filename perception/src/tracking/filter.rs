@@ -11,7 +11,7 @@ mod manoeuvre;
 mod noise;
 
 pub use collision::{TimeToCollision, braking_seconds};
-pub use estimate::{BearingRate, Estimate};
+pub use estimate::{BearingChange, Estimate};
 
 use crate::motion::planar::{OwnRates, Planar, PlanarStep};
 use estimate::Model;
@@ -117,14 +117,14 @@ impl TrackFilter {
         self.both(|estimate| estimate.measure_across(place_m, sigma_m, is_followed));
     }
 
-    /// See [`Estimate::measure_bearing_rate`].
-    pub(super) fn measure_bearing_rate(&mut self, rate: &BearingRate) {
-        self.both(|estimate| estimate.measure_bearing_rate(rate));
+    /// See [`Estimate::measure_bearing_change`].
+    pub(super) fn measure_bearing_change(&mut self, change: &BearingChange) {
+        self.both(|estimate| estimate.measure_bearing_change(change));
     }
 
-    /// See [`Estimate::store_distance`].
-    pub(super) fn store_distance(&mut self, scale_sigma: f64) {
-        self.both(|estimate| estimate.store_distance(scale_sigma));
+    /// See [`Estimate::store_place`].
+    pub(super) fn store_place(&mut self, scale_sigma: f64, across_sigma_m: f64) {
+        self.both(|estimate| estimate.store_place(scale_sigma, across_sigma_m));
     }
 
     /// See [`Estimate::measure_scale`].

@@ -7,11 +7,12 @@
 //!
 //! The middle of a box tells little of the speed across: a box that grows from a part of a car to the whole one moves by half of what
 //! it gains, and for some frames to the same side. What is in the box does not move with its sides: a shift of a tenth of a pixel
-//! from frame to frame is 3 cm/s at 20 m and 12.5 frames a second.
+//! is 2 mm at 20 m.
 //!
-//! An image patch of a track is stored, and registered to the following images (`registration.rs`).
+//! An image patch of a track is stored, and registered to the following images (`registration.rs`). Scale and shift are those since it
+//! was stored: from frame to frame they would have the same errors in a fraction of the time.
 
-use super::filter::BearingRate;
+use super::filter::BearingChange;
 use super::filter::ground::Movement;
 use super::registration::{ImagePatch, Pose, Rectangle, ReducedImage};
 use super::{Track, Tracker};
@@ -51,6 +52,11 @@ const SCALES: (f64, f64) = (0.7, 1.6);
 
 /// Smallest standard deviation of a scale.
 const MIN_SCALE_SIGMA: f64 = 0.004;
+/// Where patch and image correlate less, part of either is background, or limbs that swing: errors of the scale, and of the place across
+/// in metres, where the correlation is 0.
+const SCALE_UNLIKENESS: f64 = 0.35;
+/// See [`SCALE_UNLIKENESS`].
+const ACROSS_UNLIKENESS_M: f64 = 1.0;
 /// Smallest standard deviation of a column, in px.
 const MIN_COLUMN_SIGMA_PX: f64 = 0.1;
 
@@ -62,9 +68,10 @@ const SAME_SCALE: f64 = 5e-4;
 /// Uncertainty of the depth of the visible surface behind the tracked near side, in metres.
 const DEPTH_OFFSET_M: f64 = 0.4;
 
-/// Speeds across that a thing seems to have beyond its own, in m/s: other sides come into view, limbs swing, and part of a patch
-/// is background.
-const ACROSS_SIGMA_M_S: f64 = 0.25;
+/// Standard deviation of a place across that an image tells, in metres: limbs swing, and part of a patch is background;
+const ACROSS_SIGMA_M: f64 = 0.005;
+/// and of a speed across that a thing seems to have beyond its own, in m/s: other sides come into view.
+const ACROSS_SIGMA_M_S: f64 = 0.1;
 
 /// Scales with a larger normalised innovation are rejected.
 const GATE_SIGMAS: f64 = 4.0;
@@ -74,17 +81,23 @@ const GATE_SIGMAS: f64 = 4.0;
 struct ImageScale {
     scale: f64,
     sigma: f64,
+    /// The part of that which the noise of the image causes.
+    noise_sigma: f64,
 }
 
-/// Shift of an image since the frame before.
+/// Shift of an image since it was stored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct ImageShift {
-    /// Columns of a point of the thing in the frame before and in this one, in px.
+    /// Columns of a point of the thing in the stored image and in this one, in px.
     columns_px: [f64; 2],
-    /// Standard deviation of their difference, in px.
+    /// Standard deviation of the second one, in px.
     sigma_px: f64,
     /// Time between both frames, in seconds.
     elapsed_s: f64,
+    /// Yaw of the camera between both, to the left positive, in rad.
+    yaw_rad: f64,
+    /// Standard deviation of the place across that comes of what is not alike, in metres.
+    unlikeness_m: f64,
 }
 
 /// What an image tells of the motion of a thing.
@@ -102,6 +115,9 @@ struct Template {
     /// Origin of the track ([`Track::origin`]); 0: none.
     origin: u32,
     time_ns: u64,
+    /// Column of its centre, and heading of the camera then.
+    column_px: f64,
+    heading_rad: f64,
     /// Time of the last request.
     last_used_ns: u64,
     distance_m: f64,
@@ -126,6 +142,8 @@ struct View<'a> {
     /// Time of this frame, and of the one before.
     time_ns: u64,
     before_ns: u64,
+    /// Heading of the camera, in rad, to the left positive.
+    heading_rad: f64,
 }
 
 /// Measures image motion; memory is allocated once.
@@ -217,15 +235,17 @@ impl ImageMotionMeter {
             return ImageMotion::default();
         }
         let mut motion = ImageMotion {
-            scale: found.map(|found| ImageScale {
-                scale: found.pose.scale,
-                sigma: found.scale_sigma.max(MIN_SCALE_SIGMA),
+            scale: found.map(|found| {
+                let noise_sigma = found.scale_sigma.max(MIN_SCALE_SIGMA);
+                let unlike = SCALE_UNLIKENESS * (1.0 - found.likeness);
+                ImageScale { scale: found.pose.scale, sigma: noise_sigma.hypot(unlike), noise_sigma }
             }),
             shift: found.filter(|_| is_followed).map(|found| ImageShift {
-                columns_px: [template.pose.x, found.pose.x],
-                // Both columns have this error.
-                sigma_px: std::f64::consts::SQRT_2 * found.column_sigma_px.max(MIN_COLUMN_SIGMA_PX),
-                elapsed_s: (view.time_ns - view.before_ns) as f64 * 1e-9,
+                columns_px: [template.column_px, found.pose.x],
+                sigma_px: found.column_sigma_px.max(MIN_COLUMN_SIGMA_PX),
+                elapsed_s: elapsed_ns as f64 * 1e-9,
+                yaw_rad: view.heading_rad - template.heading_rad,
+                unlikeness_m: ACROSS_UNLIKENESS_M * (1.0 - found.likeness),
             }),
             is_stored: false,
         };
@@ -247,6 +267,7 @@ impl ImageMotionMeter {
         template.patch.store(view.rectangle, view.crop, &mut self.reduced);
         let [x, y] = view.rectangle.centre;
         (template.origin, template.distance_m) = (view.origin, view.distance_m);
+        (template.column_px, template.heading_rad) = (x, view.heading_rad);
         (template.time_ns, template.last_used_ns) = (view.time_ns, view.time_ns);
         (template.pose, template.pose_ns, template.failures) = (Pose { x, y, scale: 1.0 }, view.time_ns, 0);
     }
@@ -292,20 +313,24 @@ impl Tracker {
                 crop,
                 time_ns,
                 before_ns,
+                heading_rad: self.heading_rad,
             };
             let motion = meter.measure(&view, |column| self.expected_columns(track, column));
-            let bearing = motion.shift.map(|shift| self.bearing_rate(track, &shift));
+            let bearing = motion.shift.map(|shift| self.bearing_change(track, &shift));
             self.tracks[i as usize].is_followed = bearing.is_some();
             let filter = &mut self.tracks[i as usize].filter;
-            if let Some(rate) = bearing {
-                filter.measure_bearing_rate(&rate);
+            if let Some(change) = bearing {
+                filter.measure_bearing_change(&change);
             }
-            if let Some(ImageScale { scale, sigma }) = motion.scale {
+            if let Some(ImageScale { scale, sigma, .. }) = motion.scale {
                 filter.measure_scale(scale, sigma, DEPTH_OFFSET_M, GATE_SIGMAS);
             }
             if motion.is_stored {
                 // Of a first image as much is assumed as of the clearest.
-                filter.store_distance(motion.scale.map_or(MIN_SCALE_SIGMA, |image| image.sigma));
+                let column_sigma_px = motion.shift.map_or(MIN_COLUMN_SIGMA_PX, |shift| shift.sigma_px);
+                let across_sigma_m = column_sigma_px / self.rig.focal_px * filter.distance_m();
+                let scale_sigma = motion.scale.map_or(MIN_SCALE_SIGMA, |image| image.noise_sigma);
+                filter.store_place(scale_sigma, across_sigma_m.hypot(ACROSS_SIGMA_M));
             }
         }
         // With what the images tell: in this frame, not in the next one.
@@ -334,19 +359,18 @@ impl Tracker {
             .map(|x| self.rig.cx_px + self.rig.focal_px * x / track.distance_m())
     }
 
-    /// Rate of a track's bearing that a shift of the image means.
-    fn bearing_rate(&self, track: &Track, shift: &ImageShift) -> BearingRate {
-        let distance_m = track.distance_m();
-        let [before, now] = shift.columns_px.map(|column| (column - self.rig.cx_px) / self.rig.focal_px);
-        // Errors of the columns and of the own yaw.
-        let columns = distance_m / self.rig.focal_px * shift.sigma_px / shift.elapsed_s;
-        let yaw = self.own.map_or(0.0, |own| own.sigma_at([now * distance_m, distance_m])[0]);
-        BearingRate {
-            now,
-            standing_m: self.standing_m(track, shift.columns_px[0], shift.elapsed_s),
-            direction: self.own_step.map_or(before, |step| step.direction([before, 1.0])[0]),
+    /// Change of a track's bearing that a shift of the image means.
+    fn bearing_change(&self, track: &Track, shift: &ImageShift) -> BearingChange {
+        let [then, now] = shift.columns_px.map(|column| (column - self.rig.cx_px) / self.rig.focal_px);
+        let columns_m = track.distance_m() / self.rig.focal_px * shift.sigma_px;
+        let seeming_m = ACROSS_SIGMA_M_S * shift.elapsed_s;
+        // What was behind the near side then is now in another direction from it, where the camera has turned.
+        let (sine, cosine) = shift.yaw_rad.sin_cos();
+        BearingChange {
+            tangents: [then, now],
+            by_depth: cosine * then + sine - now * (cosine - sine * then),
             elapsed_s: shift.elapsed_s,
-            sigma_m_s: columns.hypot(yaw).hypot(ACROSS_SIGMA_M_S),
+            sigma_m: columns_m.hypot(seeming_m).hypot(shift.unlikeness_m).hypot(ACROSS_SIGMA_M),
             depth_sigma_m: DEPTH_OFFSET_M,
         }
     }

@@ -119,6 +119,8 @@ pub struct Tracker {
     own: Option<OwnRates>,
     /// Displacement of the camera since the frame before, likewise.
     own_step: Option<PlanarStep>,
+    /// Sum of its yaws, to the left positive, in rad.
+    heading_rad: f64,
     /// Time since the frame before, in ns.
     elapsed_ns: u64,
     rate: DetectionRate,
@@ -145,6 +147,7 @@ impl Tracker {
             body: Body::default(),
             own: None,
             own_step: None,
+            heading_rad: 0.0,
             elapsed_ns: 0,
             rate: DetectionRate::default(),
             passing: Passing::new(),
@@ -234,6 +237,8 @@ impl Tracker {
         let motion = motion.filter(Motion::is_finite);
         self.own = motion.map(|m| OwnRates::of(&m, &self.body));
         self.own_step = motion.map(|m| PlanarStep::of(&m, &self.body, elapsed_s));
+        let yaw_rad = self.own_step.map_or(0.0, |step| step.yaw_rad());
+        self.heading_rad += if yaw_rad.is_finite() { yaw_rad } else { 0.0 };
         match self.own.zip(self.own_step) {
             None => self.predict_relative(elapsed_s),
             Some((rates, step)) => self.predict_over_ground(elapsed_s, &rates, &step),

@@ -211,6 +211,12 @@ pub const STANDING_ACROSS_M_S: f64 = 0.1;
 pub const STANDING_SIDES_PER_S: f64 = 0.2;
 /// Speed across beyond the seeming one from which a thing may be somebody who walks, in m/s: a third of a walker's.
 pub const WALKING_M_S: f64 = 0.5;
+/// Speed of a walker along the axis, in m/s (standard deviation).
+pub const WALKER_SIGMA_M_S: f64 = 1.5;
+/// Nobody who walks or runs is said to be faster, in m/s: what may be is not taken for a walker.
+pub const MAX_WALKER_M_S: f64 = 5.0;
+/// Largest width and height of a walker's box, in metres.
+pub const WALKER_M: [f64; 2] = [1.0, 2.3];
 /// Squared normalised speeds (two degrees of freedom) below which a thing may stand, and above which it moves: 86 % and
 /// 1 % of standing ones.
 pub const STANDING_CHI2: f64 = 4.0;

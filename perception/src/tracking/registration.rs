@@ -137,6 +137,8 @@ pub struct Registered {
     pub scale_sigma: f64,
     /// Standard deviation of its column, in px.
     pub column_sigma_px: f64,
+    /// Correlation of the patch with what is there, 0.5 to 1.
+    pub likeness: f64,
 }
 
 /// An image patch; its memory is reused.
@@ -234,7 +236,7 @@ impl ImagePatch {
         let is_ambiguous = others
             .filter_map(|(_, start)| refine(&self.points, image, *start))
             .any(|other| is_other(other.pose) && likeness(other.pose) > least);
-        (!is_ambiguous).then_some(registered)
+        (!is_ambiguous).then_some(Registered { likeness: most, ..registered })
     }
 }
 
@@ -315,7 +317,12 @@ fn refine(points: &[Point], image: &ReducedImage, mut pose: Pose) -> Option<Regi
             // Reweighting underestimates the error, for normal noise by a sixth: division by the mean weight compensates for that.
             let factor = CORRELATION_FACTOR * inside / weights;
             let sigma = |k: usize| factor * pose.scale * (variance * inverse[(k, k)]).max(0.0).sqrt();
-            return Some(Registered { pose, scale_sigma: sigma(2), column_sigma_px: sigma(0) });
+            return Some(Registered {
+                pose,
+                scale_sigma: sigma(2),
+                column_sigma_px: sigma(0),
+                likeness: 1.0,
+            });
         }
     }
     None
@@ -366,7 +373,7 @@ mod tests {
             let found = patch.register(&reduced, [start], [2, 1]).expect("it is there");
             let errors = [found.pose.x - 60.0 - shift[0], found.pose.y - 50.0 - shift[1]];
             assert!(errors.iter().all(|e| e.abs() < 0.06), "{shift:?} {scale}: {errors:?}");
-            assert!((found.pose.scale - scale).abs() < 0.004, "{found:?}");
+            assert!((found.pose.scale - scale).abs() < 0.004 && found.likeness > 0.995, "{found:?}");
             assert!(found.scale_sigma < 0.02 && found.column_sigma_px < 0.3, "{found:?}");
         }
         let flat = vec![90; 120 * 100];
@@ -397,7 +404,7 @@ mod tests {
             let errors = [found.pose.x - 60.0 - shift[0], found.pose.y - 50.0 - shift[1]];
             // Without weights the error is up to 0.9 px.
             assert!(errors.iter().all(|e| e.abs() < 0.4), "{shift:?} {scale}: {errors:?}");
-            assert!((found.pose.scale - scale).abs() < 0.01, "{found:?}");
+            assert!((found.pose.scale - scale).abs() < 0.01 && found.likeness < 0.985, "{found:?}");
         }
     }
 

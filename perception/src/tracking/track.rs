@@ -4,10 +4,10 @@ use super::boundary_part::BoundaryPart;
 use super::existence::Existence;
 use super::extent::{CutSides, Extent, clip};
 use super::filter::ground::{GroundMotion, Movement};
-use super::filter::{TimeToCollision, TrackFilter};
+use super::filter::{Estimate, TimeToCollision, TrackFilter};
 use super::parameters::{
     CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, CUT_DEPTH_SIGMA_M, CUT_SIGMA_SHARE, FOUND_AGAIN_S, MIN_SIGMA_PX,
-    NOISE_INFLATION, SIDE_DEPTH_SHARE, SYSTEMATIC_PX,
+    NOISE_INFLATION, SIDE_DEPTH_SHARE, SYSTEMATIC_PX, WALKER_M,
 };
 use crate::motion::planar::OwnRates;
 use crate::outline::Outline;
@@ -212,8 +212,12 @@ impl Track {
 
     /// Standard deviation of the distance, in metres, with the part of the error that the filter cannot average out.
     pub fn distance_sigma_m(&self) -> f64 {
-        let systematic_m = self.distance_m() * SYSTEMATIC_PX / self.filter.disparity_px();
-        self.filter.place_sigma_m()[1].hypot(systematic_m).hypot(SHAPE_M)
+        self.estimate().place_sigma_m()[1].hypot(self.systematic_m())
+    }
+
+    /// Standard deviation of that part: of disparity and shape.
+    fn systematic_m(&self) -> f64 {
+        (self.distance_m() * SYSTEMATIC_PX / self.filter.disparity_px()).hypot(SHAPE_M)
     }
 
     /// Width of the thing itself, in metres; that of its box while the own motion is unknown.
@@ -226,11 +230,26 @@ impl Track {
         if self.is_over_ground { self.extent.shift_m() } else { 0.0 }
     }
 
+    /// Whether it is as narrow and as low as somebody who walks, and goes across like one.
+    fn is_walker(&self) -> bool {
+        let [width_m, height_m] = WALKER_M;
+        let may_walk = self.is_over_ground && self.movement != Movement::Standing;
+        may_walk
+            && self.front_m() <= width_m
+            && self.extent.height_m <= height_m
+            && self.filter.walks_across()
+    }
+
+    /// Place and speed, with what is known of walkers if it is one.
+    fn estimate(&self) -> Estimate {
+        if self.is_walker() { self.filter.as_walker() } else { *self.filter }
+    }
+
     /// Closing speed (decrease of the distance), in m/s: the own speed if it stands.
     pub fn closing_m_s(&self) -> f64 {
         match self.movement {
             Movement::Standing => self.filter.own_closing_m_s(),
-            _ => self.filter.closing_m_s(),
+            _ => self.estimate().closing_m_s(),
         }
     }
 
@@ -238,7 +257,7 @@ impl Track {
     pub fn closing_sigma_m_s(&self) -> f64 {
         match self.movement {
             Movement::Standing => self.own_sigma_m_s,
-            _ => self.filter.speed_sigma_m_s()[1],
+            _ => self.estimate().speed_sigma_m_s()[1],
         }
     }
 
@@ -246,27 +265,19 @@ impl Track {
     pub fn time_to_collision(&self) -> Option<TimeToCollision> {
         match self.movement {
             Movement::Standing => self.filter.standing_time_to_collision(self.own_sigma_m_s),
-            _ => self.filter.time_to_collision(),
+            _ => self.estimate().time_to_collision(),
         }
     }
 
     /// Motion over ground; `None` while the own motion is unknown.
     pub fn ground(&self) -> Option<GroundMotion> {
-        if !self.is_over_ground {
-            return None;
-        }
-        let stands = self.movement == Movement::Standing;
-        Some(GroundMotion {
-            speed_m_s: if stands { [0.0; 2] } else { self.filter.speed_m_s() },
-            speed_sigma_m_s: self.filter.speed_sigma_m_s(),
-            place_sigma_m: self.filter.place_sigma_m(),
-            movement: self.movement,
-        })
+        self.is_over_ground.then(|| self.estimate().ground_motion(self.movement, self.systematic_m()))
     }
 
     /// What is known of the obstacle.
     pub fn state(&self) -> Obstacle {
-        let ground = self.ground();
+        let (ground, estimate) = (self.ground(), self.estimate());
+        let [lateral_m, distance_m] = estimate.place_m();
         Obstacle {
             track: self.id,
             probability: self.existence.probability(),
@@ -277,11 +288,11 @@ impl Track {
             unseen_s: self.unseen_s,
             width_jitter: self.width_jitter,
             bounds: self.bounds,
-            distance_m: self.distance_m(),
+            distance_m,
             distance_sigma_m: self.distance_sigma_m(),
-            lateral_m: self.lateral_m(),
-            lateral_speed_m_s: self.filter.speed_m_s()[0],
-            lateral_speed_sigma_m_s: self.filter.speed_sigma_m_s()[0],
+            lateral_m,
+            lateral_speed_m_s: estimate.speed_m_s()[0],
+            lateral_speed_sigma_m_s: estimate.speed_sigma_m_s()[0],
             width_m: self.front_m(),
             outline: if self.is_over_ground { self.extent.outline } else { Outline::default() },
             height_m: self.extent.height_m,

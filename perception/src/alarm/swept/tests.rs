@@ -27,6 +27,7 @@ fn car(place_m: Planar, speed_m_s: Planar, closing_m_s: f64) -> Obstacle {
             speed_m_s,
             speed_sigma_m_s: [0.3, 0.5],
             place_sigma_m: [0.1, 0.3],
+            correlations: [0.0; 6],
             movement: if stands { Movement::Standing } else { Movement::Moving },
         },
     }
@@ -224,6 +225,35 @@ fn who_is_well_measured_and_passes_closely_is_not_in_the_way() {
 }
 
 #[test]
+fn what_stays_at_its_bearing_is_met_however_far_away_it_is() {
+    // A car from the left is at the front in 2 s. Its distance is known to 2 m, its speed along the line of sight to 2 m/s, and both
+    // across it exactly.
+    let straight = path(0.0, 16.7);
+    let place = [-2.0 * 5.6, 1.7 + 2.0 * 16.7];
+    let bearing = place[0] / place[1];
+    let crossing = |correlation: f64| {
+        let car = car(place, [5.6, 0.0], 16.7);
+        let correlations = [correlation, 0.0, 0.0, 0.0, 0.0, correlation];
+        let sigmas = [(2.0 * bearing).abs(), 2.0];
+        let ground =
+            GroundMotion { place_sigma_m: sigmas, speed_sigma_m_s: sigmas, correlations, ..car.ground };
+        Obstacle { ground, ..car }
+    };
+    let (known, apart) = (crossing(-1.0), crossing(0.0));
+    let across = |ground: &GroundMotion| {
+        let by = Vector4::new(1.0, -bearing, 2.0, -2.0 * bearing);
+        by.dot(&(ground.covariance() * by))
+    };
+    assert!(across(&known.ground) < 1e-9 && across(&apart.ground) > 3.0);
+    let [known, apart] = [known, apart].map(|obstacle| encounter(&straight, &obstacle).probability_then);
+    assert!(known > apart + 0.2, "{known} {apart}");
+    // Numbers that no covariance has give no variance below 0.
+    let broken = GroundMotion { correlations: [-1.0; 6], ..crossing(0.0).ground };
+    let found = encounter(&straight, &Obstacle { ground: broken, ..crossing(0.0) });
+    assert!(found.probability_then.is_finite());
+}
+
+#[test]
 fn who_brakes_ahead_is_reached_earlier() {
     let straight = path(0.0, 16.0);
     let ahead = |seconds: f64| {
@@ -380,6 +410,7 @@ fn walker_in_a_turn() -> (SweptPath, Obstacle) {
         ground: GroundMotion {
             speed_sigma_m_s: [0.3; 2],
             place_sigma_m: [0.05, 0.1],
+            correlations: [0.0; 6],
             ..car([-2.64, 12.4], [-1.5, -0.9], 6.0).ground
         },
         ..car([-2.64, 12.4], [-1.5, -0.9], 6.0)

@@ -3,14 +3,14 @@
 //! Where the vehicle's own motion is known, the speeds are over ground, along axes that turn with the camera: a standing
 //! thing has none, and what the own motion adds is known ([`super::ground`]). Else they are relative to the camera.
 //!
-//! What is measured are disparity, bearing, and the rate of the bearing and the scale; motion is uniform in metres. The state is
+//! What is measured are disparity, bearing, and the change of the bearing and the scale; motion is uniform in metres. The state is
 //! therefore in metres, where a constant speed is linear, and each measurement is linearised at the predicted state. To the
 //! right and forward are one state with one covariance: along an oblique line of sight the distance is known less well than
-//! the bearing, so that the errors of both axes are those of one ellipse, and the rate of the bearing tells of both speeds.
+//! the bearing, so that the errors of both axes are those of one ellipse, and a change of the bearing tells of both speeds.
 //!
-//! The distance that a thing had when its image was stored is a state, too (a cloned state, Roumeliotis and Burdick, 2002): the
-//! scale of the image since then tells how many times as far away it was, in each frame, and with what is known of both
-//! distances.
+//! The place that a thing had when its image was stored is a state, too (a cloned state, Roumeliotis and Burdick, 2002): the
+//! scale of the image since then tells how many times as far away it was, and its shift by how much the bearing has changed, in
+//! each frame, and with what is known of both places.
 
 use super::innovations::{Innovations, Judgement};
 use crate::motion::planar::Planar;
@@ -37,9 +37,12 @@ pub(super) const VX: usize = 2;
 pub(super) const VZ: usize = 3;
 /// acceleration forward, 0 with variance 0 in the steady model.
 pub(super) const AZ: usize = 4;
-/// distance when the image was stored with which later ones are compared.
-const STORED_Z: usize = 5;
-const STATES: usize = 6;
+/// place, in the axes of then, when the image was stored with which later ones are compared.
+const STORED_X: usize = 5;
+const STORED_Z: usize = 6;
+/// Error of the scale of that image, as a share.
+const STORED_SCALE: usize = 7;
+const STATES: usize = 8;
 
 pub(super) type State = SVector<f64, STATES>;
 pub(super) type Covariance = SMatrix<f64, STATES, STATES>;
@@ -51,19 +54,24 @@ pub(super) fn slopes<const N: usize>(of: [(usize, f64); N]) -> State {
     slopes
 }
 
-/// Rate of a thing's bearing, measured between two images.
+/// By how much variances grow, where a measurement contradicts the state by more than outliers do: the square of the error.
+fn contradiction(innovation: f64, spread: f64) -> f64 {
+    let squared = innovation * innovation;
+    if squared > OUTLIER_SIGMAS * OUTLIER_SIGMAS * spread { squared } else { 0.0 }
+}
+
+/// Bearing of a thing's image, and of the stored one with which it is compared.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BearingRate {
-    /// Tangent of the bearing now.
-    pub now: f64,
-    /// Place to the right now, in metres, of a standing point at the bearing and distance of the frame before.
-    pub standing_m: f64,
-    /// Derivative of that place by the distance: the tangent of the bearing before, turned by the own yaw.
-    pub direction: f64,
+pub struct BearingChange {
+    /// Tangents of the bearing: when the image was stored, in the axes of then, and now.
+    pub tangents: [f64; 2],
+    /// Derivative of the place to the right of what was stored, less that of what is seen now, by the depth behind the near side: 0 if
+    /// the camera has only turned.
+    pub by_depth: f64,
     /// Time between both, in seconds.
     pub elapsed_s: f64,
-    /// Standard deviation of the speed across that comes of the errors of the images and of the own motion, in m/s.
-    pub sigma_m_s: f64,
+    /// Standard deviation of the displacement across that comes of the errors of the images, in metres.
+    pub sigma_m: f64,
     /// Standard deviation of the depth of what was measured behind the near side, in metres.
     pub depth_sigma_m: f64,
 }
@@ -184,7 +192,7 @@ impl Estimate {
     }
 
     /// Corrects the state by a linearised measurement.
-    fn correct(&mut self, slopes: &State, innovation: f64, noise: f64) {
+    pub(super) fn correct(&mut self, slopes: &State, innovation: f64, noise: f64) {
         self.correct_some(slopes, innovation, noise, &[]);
     }
 
@@ -284,11 +292,12 @@ impl Estimate {
         let noise = sigma_m * sigma_m + doubt_m * doubt_m;
         match self.across.judge(innovation, self.spread(&slopes, 0.0), noise) {
             Judgement::Measurement { noise } => {
-                self.correct_some(&slopes, innovation, noise, &[Z, VZ, AZ, STORED_Z]);
+                self.correct_some(&slopes, innovation, noise, &[Z, VZ, AZ, STORED_Z, STORED_SCALE]);
             }
             Judgement::Step { noise, grows } => {
                 self.state[X] = measured_m;
                 self.tie_to_distance(bearing, noise);
+                self.forget_stored();
                 if grows {
                     let unknown = INITIAL_LATERAL_SIGMA_M_S * INITIAL_LATERAL_SIGMA_M_S;
                     self.p[(VX, VX)] = self.p[(VX, VX)].max(unknown);
@@ -297,42 +306,53 @@ impl Estimate {
         }
     }
 
-    /// Updates the state with the rate of a bearing.
-    pub(super) fn measure_bearing_rate(&mut self, rate: &BearingRate) {
-        // The speed across that it means at the distance of the state, and what that changes with distance and speed along.
-        let across_m_s = (rate.now * self.state[Z] - rate.standing_m) / rate.elapsed_s;
-        let by_distance = (rate.now - rate.direction) / rate.elapsed_s;
-        let slopes = slopes([(VX, 1.0), (VZ, -rate.direction), (Z, -by_distance)]);
-        let noise = rate.sigma_m_s.powi(2) + (by_distance * rate.depth_sigma_m).powi(2);
-        let innovation = across_m_s - self.state[VX];
-        // Either may be wrong, as the image may be that of another part of a fence: the variances of both grow.
-        let doubt = self.doubt_speed(VX, innovation, self.spread(&slopes, noise));
-        self.correct(&slopes, innovation, noise + doubt);
+    /// Updates the state with the change of a bearing since an image was stored.
+    pub(super) fn measure_bearing_change(&mut self, change: &BearingChange) {
+        // The image is so far beside the followed point, then and now.
+        let [then, now] = change.tangents;
+        let by_place = slopes([(X, 1.0), (Z, -now), (STORED_X, -1.0), (STORED_Z, then)]);
+        let innovation = -by_place.dot(&self.state);
+        let noise = change.sigma_m.powi(2) + (change.by_depth * change.depth_sigma_m).powi(2);
+        let spread = self.spread(&by_place, noise);
+        // Either may be wrong, as the image may be that of another part of a fence: the variances of both grow. A wrong speed has led to a
+        // wrong place.
+        let doubt = contradiction(innovation, spread);
+        let wrong = slopes([(X, 1.0), (VX, 1.0 / change.elapsed_s)]);
+        self.p += wrong * wrong.transpose() * doubt;
+        self.correct(&by_place, innovation, noise + doubt);
     }
 
-    /// Its image is stored: later ones are compared with it. `scale_sigma` is the standard deviation of the scale that the errors
-    /// of this image cause in all of them.
-    pub(super) fn store_distance(&mut self, scale_sigma: f64) {
-        self.state[STORED_Z] = self.state[Z];
-        for i in 0..STORED_Z {
-            (self.p[(STORED_Z, i)], self.p[(i, STORED_Z)]) = (self.p[(Z, i)], self.p[(i, Z)]);
+    /// Its image is stored: later ones are compared with it. Standard deviations of the scale, and of the place to the right in metres,
+    /// that the errors of this image cause in all of them.
+    pub(super) fn store_place(&mut self, scale_sigma: f64, across_sigma_m: f64) {
+        for (stored, of) in [(STORED_X, X), (STORED_Z, Z)] {
+            self.state[stored] = self.state[of];
+            for i in 0..STATES {
+                (self.p[(stored, i)], self.p[(i, stored)]) = (self.p[(of, i)], self.p[(of, i)]);
+            }
+            self.p[(stored, stored)] = self.p[(of, of)];
         }
-        self.p[(STORED_Z, STORED_Z)] = self.p[(Z, Z)] + (scale_sigma * self.state[Z]).powi(2);
+        self.p[(STORED_X, STORED_X)] += across_sigma_m * across_sigma_m;
+        self.state[STORED_SCALE] = 0.0;
+        self.forget(STORED_SCALE, scale_sigma * scale_sigma);
     }
 
-    /// Nothing is known any more of the distance when its image was stored.
+    /// Nothing is known any more of the place when its image was stored.
     fn forget_stored(&mut self) {
-        self.state[STORED_Z] = self.state[Z];
-        self.forget(STORED_Z, self.state[Z] * self.state[Z]);
+        let variance = self.state[Z] * self.state[Z];
+        for (stored, of) in [(STORED_X, X), (STORED_Z, Z)] {
+            self.state[stored] = self.state[of];
+            self.forget(stored, variance);
+        }
     }
 
     /// Updates the state with the scale of its image relative to the stored one, and its standard deviation. `depth_sigma_m`:
     /// standard deviation of the depth of what was measured behind the near side. A normalised innovation above `gate` is
     /// rejected.
     pub(super) fn measure_scale(&mut self, scale: f64, sigma: f64, depth_sigma_m: f64, gate: f64) {
-        let (z, stored) = (self.state[Z], self.state[STORED_Z]);
-        let slopes = slopes([(Z, scale), (STORED_Z, -1.0)]);
-        let innovation = stored - scale * z;
+        let (z, stored, error) = (self.state[Z], self.state[STORED_Z], self.state[STORED_SCALE]);
+        let slopes = slopes([(Z, scale), (STORED_Z, -1.0), (STORED_SCALE, -stored)]);
+        let innovation = stored * (1.0 + error) - scale * z;
         let noise = (sigma * z).powi(2) + ((scale - 1.0) * depth_sigma_m).powi(2);
         let spread = self.spread(&slopes, noise);
         if spread <= 0.0 {
@@ -347,18 +367,9 @@ impl Estimate {
     pub fn zero_velocity_update(&mut self, sigma_m_s: Planar) {
         for (speed, sigma) in [VX, VZ].into_iter().zip(sigma_m_s) {
             let (slopes, innovation, noise) = (slopes([(speed, 1.0)]), -self.state[speed], sigma * sigma);
-            self.doubt_speed(speed, innovation, self.spread(&slopes, noise));
+            self.p[(speed, speed)] += contradiction(innovation, self.spread(&slopes, noise));
             self.correct(&slopes, innovation, noise);
         }
-    }
-
-    /// Where the state contradicts a measurement of its speed by more than outliers do, the speed may be wrong, and its variance grows
-    /// by the square of the error. Returns by how much it has grown.
-    fn doubt_speed(&mut self, speed: usize, innovation: f64, spread: f64) -> f64 {
-        let squared = innovation * innovation;
-        let doubt = if squared > OUTLIER_SIGMAS * OUTLIER_SIGMAS * spread { squared } else { 0.0 };
-        self.p[(speed, speed)] += doubt;
-        doubt
     }
 
     /// Forgets how the errors of place and speed depend on each other, so that the next measured place changes no speed, and what
@@ -385,6 +396,7 @@ impl Estimate {
     /// Moves the place to the right: another point of the obstacle is followed.
     pub(super) fn shift(&mut self, by_m: f64) {
         self.state[X] += by_m;
+        self.state[STORED_X] += by_m;
     }
 
     /// Rates of the place to the right and forward, relative to the camera, in m/s.

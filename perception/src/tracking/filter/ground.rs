@@ -6,13 +6,14 @@
 //! thing: its time to collision is that of the state under the condition that it stands.
 
 use super::Estimate;
-use super::estimate::{Covariance, VX, VZ, X, Z};
+use super::estimate::{Covariance, VX, VZ, X, Z, slopes};
 use crate::motion::planar::{OwnRates, Planar, PlanarStep};
 use crate::tracking::parameters::{
     INITIAL_CLOSING_SIGMA_M_S, MAX_STANDING_SIGMA_M_S, MAX_STANDING_SIGMA_SHARE, MAX_TRAFFIC_TANGENT,
-    MOVING_CHI2, STANDING_ACROSS_M_S, STANDING_CHI2, STANDING_SIDES_PER_S, STANDING_SPEED_M_S, WALKING_M_S,
+    MAX_WALKER_M_S, MOVING_CHI2, STANDING_ACROSS_M_S, STANDING_CHI2, STANDING_SIDES_PER_S,
+    STANDING_SPEED_M_S, WALKER_SIGMA_M_S, WALKING_M_S,
 };
-use nalgebra::Matrix2;
+use nalgebra::{Matrix2, Matrix4, Vector4};
 
 /// Whether an obstacle moves over ground.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -27,6 +28,9 @@ pub enum Movement {
     Moving = 2,
 }
 
+/// Pairs of place to the right, place forward, speed to the right and speed forward of which the correlations are told.
+pub const CORRELATED: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
+
 /// Motion of an obstacle over ground, along the camera's axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GroundMotion {
@@ -36,8 +40,35 @@ pub struct GroundMotion {
     pub speed_sigma_m_s: Planar,
     /// Standard deviation of the place to the right and forward, in metres.
     pub place_sigma_m: Planar,
+    /// Correlations of the errors of place and speed ([`CORRELATED`]), -1 to 1.
+    pub correlations: [f64; 6],
     /// Whether it stands or moves.
     pub movement: Movement,
+}
+
+impl GroundMotion {
+    /// Covariance of place to the right, place forward, speed to the right and speed forward.
+    pub fn covariance(&self) -> Matrix4<f64> {
+        let ([x, z], [vx, vz]) = (self.place_sigma_m, self.speed_sigma_m_s);
+        let sigmas = Matrix4::from_diagonal(&[x, z, vx, vz].into());
+        let mut correlations = Matrix4::identity();
+        for ([i, k], correlation) in CORRELATED.into_iter().zip(self.correlations) {
+            (correlations[(i, k)], correlations[(k, i)]) = (correlation, correlation);
+        }
+        sigmas * correlations * sigmas
+    }
+
+    /// The same with this covariance.
+    #[must_use]
+    pub fn with_covariance(self, covariance: &Matrix4<f64>) -> Self {
+        let [x, z, vx, vz] = [0, 1, 2, 3].map(|i| covariance[(i, i)].max(0.0).sqrt());
+        let sigmas = [x, z, vx, vz];
+        let correlations = CORRELATED.map(|[i, k]| {
+            let both = sigmas[i] * sigmas[k];
+            if both > 0.0 { (covariance[(i, k)] / both).clamp(-1.0, 1.0) } else { 0.0 }
+        });
+        Self { place_sigma_m: [x, z], speed_sigma_m_s: [vx, vz], correlations, ..self }
+    }
 }
 
 impl Estimate {
@@ -98,6 +129,30 @@ impl Estimate {
         self.own_rate = rates.at(self.place_m());
     }
 
+    /// Whether it goes across, and along no faster than a walker may.
+    pub fn walks_across(&self) -> bool {
+        let [across, along] = self.speed_m_s();
+        let [across_sigma, along_sigma] = self.speed_sigma_m_s();
+        let most_along = (2.0 * WALKER_SIGMA_M_S.hypot(along_sigma)).min(MAX_WALKER_M_S);
+        across.abs() > WALKING_M_S.max(2.0 * across_sigma) && along.abs() < most_along
+    }
+
+    /// The same under the condition that it is a walker, whose speed along the axis is at most that of one.
+    #[must_use]
+    pub fn as_walker(mut self) -> Self {
+        self.correct(&slopes([(VZ, 1.0)]), -self.state[VZ], WALKER_SIGMA_M_S * WALKER_SIGMA_M_S);
+        self
+    }
+
+    /// What is known of the motion. `systematic_m`: standard deviation of the distance that the filter does not know of, in metres, which
+    /// moves the place along its bearing.
+    pub fn ground_motion(&self, movement: Movement, systematic_m: f64) -> GroundMotion {
+        let along = Vector4::new(self.state[X] / self.state[Z], 1.0, 0.0, 0.0) * systematic_m;
+        let covariance = self.p.fixed_view::<4, 4>(X, X) + along * along.transpose();
+        let speed_m_s = if movement == Movement::Standing { [0.0; 2] } else { self.speed_m_s() };
+        GroundMotion { speed_m_s, movement, ..GroundMotion::default() }.with_covariance(&covariance)
+    }
+
     /// Closing speed of a standing thing at this place, in m/s; 0 while the own motion is unknown.
     pub fn own_closing_m_s(&self) -> f64 {
         -self.own_rate[1]
@@ -133,6 +188,7 @@ mod tests {
     use crate::motion::Motion;
     use crate::motion::body::Body;
     use crate::tracking::filter::TrackFilter;
+    use crate::tracking::filter::estimate::Model;
 
     /// Focal length × baseline, px·m.
     const SCALE: f64 = 105.5;
@@ -172,6 +228,30 @@ mod tests {
             movement = filter.movement(movement, 0.0, 0.5);
         }
         (filter, velocity, movement)
+    }
+
+    #[test]
+    fn who_walks_across_is_told_as_slow_along() {
+        let rates = OwnRates::of(&Motion { speed_m_s: 11.0, ..Motion::default() }, &Body::default());
+        let crossing = |speed_m_s: Planar| {
+            let mut filter = Estimate::new(Model::Steady, SCALE, (SCALE / 25.0, 0.1), (0.1, 0.05));
+            filter.start_over_ground(&rates);
+            (filter.state[VX], filter.state[VZ]) = (speed_m_s[0], speed_m_s[1]);
+            (filter.p[(VX, VX)], filter.p[(VZ, VZ)]) = (0.09, 4.0);
+            // What is in doubt is the speed along the line of sight.
+            (filter.p[(VX, VZ)], filter.p[(VZ, VX)]) = (0.3, 0.3);
+            filter
+        };
+        let walker = crossing([-1.0, 4.0]);
+        assert!(walker.walks_across());
+        let [across, along] = walker.as_walker().speed_m_s();
+        assert!((1.0..2.0).contains(&along) && across < -1.1, "{across} {along}");
+        assert!(walker.as_walker().speed_sigma_m_s()[1] < 1.5);
+        // A motorcycle that comes towards us and of which little is known, a rider who turns off, and somebody who comes straight towards us.
+        let mut young = crossing([-0.6, -12.0]);
+        young.p[(VZ, VZ)] = 100.0;
+        assert!(!young.walks_across());
+        assert!(!crossing([-1.0, 7.0]).walks_across() && !crossing([-0.2, 1.0]).walks_across());
     }
 
     #[test]

@@ -72,7 +72,7 @@ mod tests {
                 filter.measure_scale(stored_m / at(since) + 0.004 * normal(&mut random), 0.005, 0.4, 4.0);
             }
             if frame % 5 == 0 {
-                filter.store_distance(0.004);
+                filter.store_place(0.004, 0.02);
                 stored_m = at(since) * (1.0 + 0.004 * normal(&mut random));
             }
         }

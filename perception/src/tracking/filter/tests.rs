@@ -233,7 +233,7 @@ fn oncoming(with_scale: bool) -> Vec<f64> {
         let mut random = fastrand::Rng::with_seed(seed);
         let at = |frame: usize| 60.0 - 25.0 * PERIOD_S * frame as f64;
         let mut filter = ahead(SCALE / at(0) + 0.1 * normal(&mut random), 0.15);
-        filter.store_distance(0.004);
+        filter.store_place(0.004, 0.02);
         let stored_m = at(0) * (1.0 + 0.003 * normal(&mut random));
         for (frame, error) in (1..).zip(&mut errors) {
             filter.predict(PERIOD_S);
@@ -264,7 +264,7 @@ fn after_a_step_of_the_disparity_the_scale_still_tells_the_speed() {
         filter.predict(PERIOD_S);
         filter.measure_disparity(SCALE / 20.0, 0.1);
     }
-    filter.store_distance(0.004);
+    filter.store_place(0.004, 0.02);
     // Another side of it, 5 m nearer, is seen from now on, and it comes with 4 m/s: its image grows as that of a thing at 15 m.
     for frame in 1..8 {
         let z = 15.0 - 4.0 * PERIOD_S * f64::from(frame);
@@ -275,38 +275,44 @@ fn after_a_step_of_the_disparity_the_scale_still_tells_the_speed() {
     assert!((filter.closing_m_s() - 4.0).abs() < 0.5, "{filter:?}");
 }
 
-/// The rate of the bearing of something straight ahead that moves to the right, in m/s.
-fn rate(across_m_s: f64) -> BearingRate {
-    BearingRate {
-        now: 0.0,
-        standing_m: -across_m_s * PERIOD_S,
-        direction: 0.0,
-        elapsed_s: PERIOD_S,
-        sigma_m_s: 0.3,
+/// The change of the bearing of something 21 m straight ahead that has moved so far to the right, in metres.
+fn change(way_m: f64, elapsed_s: f64) -> BearingChange {
+    BearingChange {
+        tangents: [0.0, way_m * 5.0 / SCALE],
+        by_depth: way_m * 5.0 / SCALE,
+        elapsed_s,
+        sigma_m: 0.03,
         depth_sigma_m: 0.4,
     }
 }
 
 #[test]
-fn of_a_bearing_rate_that_contradicts_the_next_one_decides() {
-    // Stands; then one rate, and another one.
-    let after = |rates: [f64; 2]| {
+fn of_a_bearing_that_contradicts_the_next_one_decides() {
+    // Stands; then it seems to have moved by half a metre, and a frame later.
+    let after = |ways_m: [f64; 2]| {
         let mut filter = ahead(5.0, 0.1);
-        for _ in 0..10 {
+        filter.store_place(0.004, 0.01);
+        for frame in 1..=10 {
+            let since = if frame > 5 { frame - 5 } else { frame };
             filter.predict(PERIOD_S);
             filter.measure_disparity(5.0, 0.1);
-            filter.measure_bearing_rate(&rate(0.0));
+            filter.measure_bearing_change(&change(0.0, f64::from(since) * PERIOD_S));
+            if frame % 5 == 0 {
+                filter.store_place(0.004, 0.01);
+            }
         }
-        let speeds = rates.map(|across_m_s| {
+        let mut elapsed_s = 0.0;
+        let speeds = ways_m.map(|way_m| {
+            elapsed_s += PERIOD_S;
             filter.predict(PERIOD_S);
-            filter.measure_bearing_rate(&rate(across_m_s));
+            filter.measure_bearing_change(&change(way_m, elapsed_s));
             filter.speed_m_s()[0]
         });
         (speeds, filter.speed_sigma_m_s()[0])
     };
-    let ([doubtful, wrong], _) = after([6.0, 0.0]);
+    let ([doubtful, wrong], _) = after([0.48, 0.0]);
     assert!((2.0..4.0).contains(&doubtful) && wrong.abs() < 0.5, "{doubtful} {wrong}");
-    let ([_, moves], sigma) = after([6.0, 6.0]);
+    let ([_, moves], sigma) = after([0.48, 0.96]);
     assert!((moves - 6.0).abs() < 0.5 && sigma < 0.5, "{moves} {sigma}");
 }
 

@@ -237,7 +237,8 @@ fn a_failed_registration_changes_nothing() {
             tracker.update(time_ns, &[region]);
             let mut before = tracker.tracks()[0].filter;
             tracker.measure_image_motion(&mut meter, time_ns, |_| Some((image, (0, 0))));
-            before.store_distance(MIN_SCALE_SIGMA);
+            let across_sigma_m = MIN_COLUMN_SIGMA_PX / RIG.focal_px * before.distance_m();
+            before.store_place(MIN_SCALE_SIGMA, across_sigma_m.hypot(ACROSS_SIGMA_M));
             assert_eq!(tracker.tracks()[0].filter, before, "frame {frame}");
         }
     }

@@ -137,7 +137,7 @@ pub struct Registered {
     pub scale_sigma: f64,
     /// Standard deviation of its column, in px.
     pub column_sigma_px: f64,
-    /// Correlation of the patch with what is there, 0.5 to 1.
+    /// Correlation of the patch with what is there; at most 1.
     pub likeness: f64,
 }
 
@@ -224,19 +224,16 @@ impl ImagePatch {
             return None;
         }
         let registered = refine(&self.points, image, start)?;
-        let likeness = |pose: Pose| correlation(&self.points, image, pose).unwrap_or(0.0);
-        // All points together, whatever their weights.
-        let most = likeness(registered.pose);
-        if most <= MIN_CORRELATION {
+        if registered.likeness <= MIN_CORRELATION {
             return None;
         }
-        let least = most - AMBIGUITY;
+        let least = registered.likeness - AMBIGUITY;
         let is_other = |pose: Pose| (pose.x - registered.pose.x).abs() > AMBIGUOUS_PX;
         let others = found.iter().filter(|(value, pose)| *value > least && is_other(*pose));
         let is_ambiguous = others
             .filter_map(|(_, start)| refine(&self.points, image, *start))
-            .any(|other| is_other(other.pose) && likeness(other.pose) > least);
-        (!is_ambiguous).then_some(Registered { likeness: most, ..registered })
+            .any(|other| is_other(other.pose) && other.likeness > least);
+        (!is_ambiguous).then_some(registered)
     }
 }
 
@@ -321,7 +318,8 @@ fn refine(points: &[Point], image: &ReducedImage, mut pose: Pose) -> Option<Regi
                 pose,
                 scale_sigma: sigma(2),
                 column_sigma_px: sigma(0),
-                likeness: 1.0,
+                // All points together, whatever their weights.
+                likeness: correlation(points, image, pose).unwrap_or(0.0),
             });
         }
     }

@@ -271,3 +271,23 @@ fn an_image_that_is_repeated_tells_of_no_motion() {
         }
     }
 }
+
+#[test]
+fn a_turn_of_the_camera_alone_tells_nothing_of_the_depth() {
+    let mut tracker = Tracker::new(TrackerParameters::default(), RIG, SIZE);
+    let (_, region) = image(25.0, 0.0, &mut fastrand::Rng::with_seed(1));
+    tracker.update(0, &[region]);
+    let by_depth = |then: f64, yaw_rad: f64, told_rad: f64| {
+        // To the left: what is ahead moves to the right.
+        let (sine, cosine) = yaw_rad.sin_cos();
+        let now = (cosine * then + sine) / (cosine - sine * then);
+        let columns_px = [then, now].map(|tangent| RIG.cx_px + RIG.focal_px * tangent);
+        let shift =
+            ImageShift { columns_px, sigma_px: 0.1, elapsed_s: 0.4, yaw_rad: told_rad, unlikeness_m: 0.0 };
+        tracker.bearing_change(&tracker.tracks()[0], &shift).by_depth
+    };
+    for (then, yaw_rad) in [(0.1, 0.15), (-0.3, 0.15), (0.2, -0.1)] {
+        assert!(by_depth(then, yaw_rad, yaw_rad).abs() < 1e-9, "{then} {yaw_rad}");
+        assert!(by_depth(then, yaw_rad, 0.0).abs() > 0.09, "{then} {yaw_rad}");
+    }
+}

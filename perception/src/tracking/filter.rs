@@ -26,6 +26,8 @@ pub struct TrackFilter {
     accelerating: Estimate,
     /// Whether the thing brakes or accelerates.
     is_manoeuvring: bool,
+    /// Time since the model with an acceleration began with that of constant speed, in seconds.
+    begun_s: f64,
     /// Scatter of its measured distances.
     noise: MeasurementNoise,
 }
@@ -46,6 +48,7 @@ impl TrackFilter {
             steady: by(Model::Steady),
             accelerating: by(Model::Accelerating),
             is_manoeuvring: false,
+            begun_s: 0.0,
             noise: MeasurementNoise::default(),
         }
     }
@@ -58,6 +61,7 @@ impl TrackFilter {
     /// See [`Estimate::predict`].
     pub fn predict(&mut self, elapsed_s: f64) {
         self.choose_model();
+        self.expect_manoeuvre(elapsed_s);
         self.noise.wait(elapsed_s);
         self.both(|estimate| estimate.predict(elapsed_s));
     }
@@ -65,6 +69,7 @@ impl TrackFilter {
     /// See [`Estimate::predict_over_ground`].
     pub fn predict_over_ground(&mut self, step: &PlanarStep, rates: &OwnRates, elapsed_s: f64) {
         self.choose_model();
+        self.expect_manoeuvre(elapsed_s);
         self.noise.wait(elapsed_s);
         self.both(|estimate| estimate.predict_over_ground(step, rates, elapsed_s));
     }
@@ -148,7 +153,7 @@ impl TrackFilter {
     pub(super) fn take_motion(&mut self, of: &Self) {
         self.steady.take_motion(&of.steady);
         self.accelerating.take_motion(&of.accelerating);
-        self.is_manoeuvring = of.is_manoeuvring;
+        (self.is_manoeuvring, self.begun_s) = (of.is_manoeuvring, of.begun_s);
     }
 
     /// See [`Estimate::shift`].

@@ -426,8 +426,8 @@ impl Tracker {
     }
 
     /// Joins tracks that follow the same thing: one without a sighting that lies within one with a sighting. The older number
-    /// remains. The motion is that of the one that was seen more often, unless it was lost or the image of the other is followed: a new
-    /// track may be a chain of sightings of different things.
+    /// remains. The motion is that of the one that was seen more often, unless it was lost, the image of the other is followed, or the
+    /// distances contradict each other: each may be a chain of sightings of different things.
     fn join(&mut self) {
         for body in self.bodies.iter_mut().zip(&self.tracks) {
             *body.0 = association::inside(body.1.body(&self.rig), self.size);
@@ -453,7 +453,8 @@ impl Tracker {
             let id = ids[0].min(ids[1]);
             let Track { filter, movement, seen, .. } = self.tracks[ended];
             let (is_fresh, kept) = (!self.tracks[ended].was_lost(), &mut self.tracks[older]);
-            if seen > kept.seen && is_fresh && !kept.is_followed {
+            let agrees = filter.agrees_in_distance(&kept.filter);
+            if seen > kept.seen && is_fresh && agrees && !kept.is_followed {
                 kept.filter.take_motion(&filter);
                 (kept.movement, kept.movement_before, kept.seen) = (movement, movement, seen);
             }

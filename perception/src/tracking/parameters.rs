@@ -172,8 +172,12 @@ pub const WANDER_NOISE: f64 = 0.6;
 pub const MANOEUVRE_TIME_S: f64 = 2.5;
 /// Standard deviation of that acceleration before it is measured, in m/s²: drivers brake with 3, in an emergency with 8.
 pub const MANOEUVRE_SIGMA_M_S2: f64 = 3.0;
+/// By how much it changes during a manoeuvre, in m/s² (standard deviation): who brakes goes on as he began.
+pub const CHANGE_SIGMA_M_S2: f64 = 0.7;
+/// Time after which a manoeuvre is expected anew, if nothing tells of one yet, in seconds: in less, no acceleration is known.
+pub const EXPECTED_AGAIN_S: f64 = 0.45;
 /// An acceleration that differs from 0 by this many standard deviations is one.
-pub const MANOEUVRE_SIGMAS: f64 = 1.5;
+pub const MANOEUVRE_SIGMAS: f64 = 2.0;
 /// Nothing is said of the acceleration of a thing whose speed is known less well than this, in m/s.
 pub const MAX_MANOEUVRE_SPEED_SIGMA_M_S: f64 = 1.5;
 /// Share of what noise adds to an acceleration that is taken off it: its square exceeds that of the true one by the variance, but the

@@ -15,8 +15,9 @@
 use super::innovations::{Innovations, Judgement};
 use crate::motion::planar::Planar;
 use crate::tracking::parameters::{
-    INITIAL_CLOSING_SIGMA_M_S, INITIAL_LATERAL_SIGMA_M_S, LATERAL_MANOEUVRE_NOISE, LATERAL_PROCESS_NOISE,
-    MANOEUVRE_PROCESS_NOISE, MANOEUVRE_SIGMA_M_S2, MANOEUVRE_TIME_S, OUTLIER_SIGMAS, PROCESS_NOISE,
+    CHANGE_SIGMA_M_S2, INITIAL_CLOSING_SIGMA_M_S, INITIAL_LATERAL_SIGMA_M_S, LATERAL_MANOEUVRE_NOISE,
+    LATERAL_PROCESS_NOISE, MANOEUVRE_PROCESS_NOISE, MANOEUVRE_SIGMA_M_S2, MANOEUVRE_TIME_S, OUTLIER_SIGMAS,
+    PROCESS_NOISE,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -168,7 +169,7 @@ impl Estimate {
             self.p[(speed, place)] += both;
         }
         if !is_steady {
-            self.p[(AZ, AZ)] += MANOEUVRE_SIGMA_M_S2 * MANOEUVRE_SIGMA_M_S2 * (1.0 - kept * kept);
+            self.p[(AZ, AZ)] += CHANGE_SIGMA_M_S2 * CHANGE_SIGMA_M_S2 * (1.0 - kept * kept);
         }
     }
 
@@ -380,6 +381,12 @@ impl Estimate {
         for (place, speed) in [X, Z].into_iter().flat_map(|place| [VX, VZ, AZ].map(|speed| (place, speed))) {
             (self.p[(place, speed)], self.p[(speed, place)]) = (0.0, 0.0);
         }
+    }
+
+    /// Whether the distances differ by no more than outliers do.
+    pub fn agrees_in_distance(&self, other: &Self) -> bool {
+        let spread = self.p[(Z, Z)] + other.p[(Z, Z)];
+        contradiction(self.state[Z] - other.state[Z], spread) == 0.0
     }
 
     /// Takes over speed and acceleration of another filter of the same thing; the place stays.

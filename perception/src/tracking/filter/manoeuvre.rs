@@ -3,14 +3,28 @@
 //! Two models are followed at the same time, at constant speed and with an acceleration; the second is the less exact one where
 //! there is none. It holds once its acceleration differs from 0 by more than noise does, and as long as that is so (switching
 //! between models of different dimension: Bar-Shalom and Birmingham, 1982).
+//!
+//! A manoeuvre begins with the speed of until then, which the first model knows better: as long as nothing tells of one, the second
+//! model begins anew from time to time with what the first one says.
 
 use super::estimate::{AZ, Model, VZ};
 use super::{Estimate, TrackFilter};
 use crate::tracking::parameters::{
-    BRAKING_NOISE_SHARE, MANOEUVRE_SIGMAS, MAX_BRAKING_M_S2, MAX_MANOEUVRE_SPEED_SIGMA_M_S, STEADY_M_S2,
+    BRAKING_NOISE_SHARE, EXPECTED_AGAIN_S, MANOEUVRE_SIGMAS, MAX_BRAKING_M_S2, MAX_MANOEUVRE_SPEED_SIGMA_M_S,
+    STEADY_M_S2,
 };
 
 impl TrackFilter {
+    /// A manoeuvre may begin, in the coming `elapsed_s` seconds too.
+    pub(super) fn expect_manoeuvre(&mut self, elapsed_s: f64) {
+        let nothing_tells = self.accelerating.state[AZ].abs() < self.accelerating.sigma(AZ);
+        if !self.is_manoeuvring && nothing_tells && self.begun_s >= EXPECTED_AGAIN_S {
+            self.accelerating = self.steady.by(Model::Accelerating);
+            self.begun_s = 0.0;
+        }
+        self.begun_s += elapsed_s;
+    }
+
     /// Tells which model holds.
     pub(in crate::tracking) fn choose_model(&mut self) {
         let (size, sigma) = (self.accelerating.state[AZ].abs(), self.accelerating.sigma(AZ));
@@ -95,6 +109,9 @@ mod tests {
         println!(
             "1.2 s after it began to brake with 4 m/s²: closing {speed:+.2} m/s, time to collision {ttc:+.2} s, {manoeuvres} of 40 found"
         );
+        let soon = (0..40).filter(|&seed| follow(seed, 4.0, 0.72).2.is_some()).count();
+        println!("0.72 s after: {soon} of 40 found");
+        assert!(soon >= 25, "{soon}");
         assert!(speed.abs() < 0.8 && ttc.abs() < 0.6 && manoeuvres >= 38, "{speed} {ttc} {manoeuvres}");
     }
 

@@ -265,14 +265,15 @@ fn after_a_step_of_the_disparity_the_scale_still_tells_the_speed() {
         filter.measure_disparity(SCALE / 20.0, 0.1);
     }
     filter.store_place(0.004, 0.02);
-    // Another side of it, 5 m nearer, is seen from now on, and it comes with 4 m/s: its image grows as that of a thing at 15 m.
+    // Another side of it, 5 m nearer, is seen from now on, and it comes with 4 m/s: its image grows as that of a thing at 15 m. A speed that
+    // begins at once is taken for one that grows, and a little more of it is expected.
     for frame in 1..8 {
         let z = 15.0 - 4.0 * PERIOD_S * f64::from(frame);
         filter.predict(PERIOD_S);
         filter.measure_disparity(SCALE / z, 0.1);
         filter.measure_scale(15.0 / z, 0.004, 0.4, 4.0);
     }
-    assert!((filter.closing_m_s() - 4.0).abs() < 0.5, "{filter:?}");
+    assert!((filter.closing_m_s() - 4.0).abs() < 0.7, "{filter:?}");
 }
 
 /// The change of the bearing of something 21 m straight ahead that has moved so far to the right, in metres.
@@ -371,5 +372,5 @@ fn what_scatters_less_than_stated_is_found_to_brake_earlier() {
     println!(
         "braking is found after {steady} frames where disparities scatter by 0.03 px, {noisy} by 0.18 px"
     );
-    assert!(steady + 2 <= noisy && steady <= 14, "{steady} {noisy}");
+    assert!(steady < noisy && steady <= 12, "{steady} {noisy}");
 }

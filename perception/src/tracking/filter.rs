@@ -58,19 +58,23 @@ impl TrackFilter {
         change(&mut self.accelerating);
     }
 
-    /// See [`Estimate::predict`].
-    pub fn predict(&mut self, elapsed_s: f64) {
+    /// So much time passes, in seconds: before both models are predicted.
+    #[inline(never)]
+    fn pass(&mut self, elapsed_s: f64) {
         self.choose_model();
         self.expect_manoeuvre(elapsed_s);
         self.noise.wait(elapsed_s);
+    }
+
+    /// See [`Estimate::predict`].
+    pub fn predict(&mut self, elapsed_s: f64) {
+        self.pass(elapsed_s);
         self.both(|estimate| estimate.predict(elapsed_s));
     }
 
     /// See [`Estimate::predict_over_ground`].
     pub fn predict_over_ground(&mut self, step: &PlanarStep, rates: &OwnRates, elapsed_s: f64) {
-        self.choose_model();
-        self.expect_manoeuvre(elapsed_s);
-        self.noise.wait(elapsed_s);
+        self.pass(elapsed_s);
         self.both(|estimate| estimate.predict_over_ground(step, rates, elapsed_s));
     }
 

@@ -26,6 +26,7 @@ impl TrackFilter {
     }
 
     /// Tells which model holds.
+    #[inline(never)]
     pub(in crate::tracking) fn choose_model(&mut self) {
         let (size, sigma) = (self.accelerating.state[AZ].abs(), self.accelerating.sigma(AZ));
         if self.is_manoeuvring {

@@ -174,7 +174,7 @@ pub const MANOEUVRE_TIME_S: f64 = 2.5;
 pub const MANOEUVRE_SIGMA_M_S2: f64 = 3.0;
 /// By how much it changes during a manoeuvre, in m/s² (standard deviation): who brakes goes on as he began.
 pub const CHANGE_SIGMA_M_S2: f64 = 0.7;
-/// Time after which a manoeuvre is expected anew, if nothing tells of one yet, in seconds: in less, no acceleration is known.
+/// Time after which a manoeuvre is expected anew, if nothing tells of one yet, in seconds: a shorter time tells no acceleration.
 pub const EXPECTED_AGAIN_S: f64 = 0.45;
 /// An acceleration that differs from 0 by this many standard deviations is one.
 pub const MANOEUVRE_SIGMAS: f64 = 2.0;

@@ -451,8 +451,9 @@ fn a_car_that_is_followed_is_hardly_ever_said_to_brake() {
             Drive { road, speed_m_s: 10.0, seconds: 6.0, things: ahead, edges_m: LANES }.warned("following")
         })
         .sum();
-    // By disparities alone, which here err anew in each frame: half a metre within four frames is a car that brakes.
-    println!("following: a warning in {warned} of 150 drives");
+    // Distances by disparity alone, with errors that are independent between frames: half a metre over four frames looks like braking.
+    let drives = 3 * (CHOOSING.count() + REPORTING.count());
+    println!("following: a warning in {warned} of {drives} drives");
     assert!(warned <= 2, "{warned}");
 }
 

@@ -26,7 +26,7 @@ pub struct TrackFilter {
     accelerating: Estimate,
     /// Whether the thing brakes or accelerates.
     is_manoeuvring: bool,
-    /// Time since the model with an acceleration began with that of constant speed, in seconds.
+    /// Time since the track or a manoeuvre that is expected began, in seconds: since then the second model has its acceleration.
     begun_s: f64,
     /// Scatter of its measured distances.
     noise: MeasurementNoise,

@@ -451,12 +451,11 @@ impl Tracker {
             let ended = whole.max(part);
             let ids = [older, ended].map(|t| self.tracks[t].id);
             let id = ids[0].min(ids[1]);
-            let Track { filter, movement, seen, .. } = self.tracks[ended];
-            let (is_fresh, kept) = (!self.tracks[ended].was_lost(), &mut self.tracks[older]);
-            let agrees = filter.agrees_in_distance(&kept.filter);
-            if seen > kept.seen && is_fresh && agrees && !kept.is_followed {
-                kept.filter.take_motion(&filter);
-                (kept.movement, kept.movement_before, kept.seen) = (movement, movement, seen);
+            let (part, kept) = (self.tracks[ended], &mut self.tracks[older]);
+            let is_known = !part.was_lost() && part.agrees_in_distance(kept);
+            if part.seen > kept.seen && is_known && !kept.is_followed {
+                kept.filter.take_motion(&part.filter);
+                (kept.movement, kept.movement_before, kept.seen) = (part.movement, part.movement, part.seen);
             }
             self.tracks[older].id = id;
             self.numbers.iter_mut().filter(|number| ids.contains(number)).for_each(|number| *number = id);

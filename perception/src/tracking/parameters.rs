@@ -172,7 +172,7 @@ pub const WANDER_NOISE: f64 = 0.6;
 pub const MANOEUVRE_TIME_S: f64 = 2.5;
 /// Standard deviation of that acceleration before it is measured, in m/s²: drivers brake with 3, in an emergency with 8.
 pub const MANOEUVRE_SIGMA_M_S2: f64 = 3.0;
-/// By how much it changes during a manoeuvre, in m/s² (standard deviation): who brakes goes on as he began.
+/// By how much it changes within that time, in m/s² (standard deviation): who brakes hardly brakes more, or less.
 pub const CHANGE_SIGMA_M_S2: f64 = 0.7;
 /// Time after which a manoeuvre is expected anew, if nothing tells of one yet, in seconds: a shorter time tells no acceleration.
 pub const EXPECTED_AGAIN_S: f64 = 0.45;

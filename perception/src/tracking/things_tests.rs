@@ -161,6 +161,27 @@ fn tracks_of_two_parts_become_one_when_the_whole_is_seen() {
 }
 
 #[test]
+fn a_track_gives_its_motion_only_where_the_distances_agree() {
+    // The edge of a wall, by which we drive with 5 m/s; then somebody comes out from behind it.
+    let edge = |seconds: f64| sighting(20.0 - 5.0 * seconds, [-0.3, 0.1], 1.5, 4.0);
+    let seen_then = |distance_m: f64| {
+        let mut tracker = tracker();
+        for frame in 0..=12 {
+            tracker.update(frame * 80_000_000, &[edge(frame as f64 * 0.08)]);
+        }
+        // A new track in one frame, joined with the old one in the next.
+        (13..=14).for_each(|frame| {
+            tracker.update(frame * 80_000_000, &[car(distance_m)]);
+        });
+        assert_eq!(tracker.tracks().len(), 1, "{:?}", tracker.tracks());
+        tracker.tracks()[0]
+    };
+    let (same, other) = (seen_then(14.8), seen_then(11.5));
+    assert!((same.closing_m_s() - 5.0).abs() < 2.0 && same.closing_sigma_m_s() < 2.0, "{same:?}");
+    assert!((other.distance_m() - 11.5).abs() < 0.1 && other.closing_sigma_m_s() > 3.0, "{other:?}");
+}
+
+#[test]
 fn nothing_begins_inside_a_thing_but_in_front_of_it() {
     let (mut tracker, time) = after_a_second(&[car(15.0)], 12);
     let inside = sighting(16.5, [-0.3, 0.3], 1.0, 6.0);

@@ -7,7 +7,7 @@ use super::filter::ground::{GroundMotion, Movement};
 use super::filter::{Estimate, TimeToCollision, TrackFilter};
 use super::parameters::{
     CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, CUT_DEPTH_SIGMA_M, CUT_SIGMA_SHARE, FOUND_AGAIN_S, MIN_SIGMA_PX,
-    NOISE_INFLATION, SIDE_DEPTH_SHARE, SYSTEMATIC_PX, WALKER_M,
+    NOISE_INFLATION, OUTLIER_SIGMAS, SIDE_DEPTH_SHARE, SYSTEMATIC_PX, WALKER_M,
 };
 use crate::motion::planar::OwnRates;
 use crate::outline::Outline;
@@ -213,6 +213,12 @@ impl Track {
     /// Standard deviation of the distance, in metres, with the part of the error that the filter cannot average out.
     pub fn distance_sigma_m(&self) -> f64 {
         self.estimate().place_sigma_m()[1].hypot(self.systematic_m())
+    }
+
+    /// Whether both distances differ by no more than outliers do.
+    pub(super) fn agrees_in_distance(&self, other: &Self) -> bool {
+        let sigma_m = self.distance_sigma_m().hypot(other.distance_sigma_m());
+        (self.distance_m() - other.distance_m()).abs() <= OUTLIER_SIGMAS * sigma_m
     }
 
     /// Standard deviation of that part: of disparity and shape.

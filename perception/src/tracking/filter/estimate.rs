@@ -383,12 +383,6 @@ impl Estimate {
         }
     }
 
-    /// Whether the distances differ by no more than outliers do.
-    pub fn agrees_in_distance(&self, other: &Self) -> bool {
-        let spread = self.p[(Z, Z)] + other.p[(Z, Z)];
-        contradiction(self.state[Z] - other.state[Z], spread) == 0.0
-    }
-
     /// Takes over speed and acceleration of another filter of the same thing; the place stays.
     pub(super) fn take_motion(&mut self, of: &Self) {
         // Their errors have nothing to do with those of the place.

@@ -16,7 +16,7 @@ use crate::motion::planar::Planar;
 use crate::outline::Outline;
 use crate::tracking::filter::ground::{GroundMotion, Movement};
 use crate::tracking::filter::{TimeToCollision, braking_seconds};
-use crate::tracking::parameters::{WANDER_NOISE, WANDER_TIME_S};
+use crate::tracking::parameters::{LATERAL_PROCESS_NOISE, WANDER_TIME_S};
 use nalgebra::Vector4;
 
 /// An obstacle in the axes of the camera.
@@ -97,7 +97,7 @@ const MIN_TRAFFIC_M_S: f64 = 5.0;
 const MAX_TRAFFIC_SINE: f64 = 0.26;
 /// See [`MIN_TRAFFIC_M_S`].
 const TRAFFIC_ACROSS_SIGMA_M_S: f64 = 0.7;
-/// Process noise of the speed across of traffic that keeps to its lane, as a share of [`WANDER_NOISE`]: half of a walker's standard
+/// Process noise of the speed across of traffic that keeps to its lane, as a share of [`LATERAL_PROCESS_NOISE`]: half of a walker's standard
 /// deviation.
 const LANE_WANDER_SHARE: f64 = 0.25;
 /// Most secants by which the arrival is found, and an error of it that is small enough, in metres.
@@ -189,17 +189,17 @@ fn clearance_m(path: &SweptPath, front: &Front, shift_m: f64) -> f64 {
 }
 
 /// Variance of the place across that a thing's changes of course add within `seconds`, in m². Its speed across is that of now,
-/// plus an Ornstein-Uhlenbeck process that begins at 0 with the noise [`WANDER_NOISE`] and forgets within [`WANDER_TIME_S`]: at
+/// plus an Ornstein-Uhlenbeck process that begins at 0 with the noise [`LATERAL_PROCESS_NOISE`] and forgets within [`WANDER_TIME_S`]: at
 /// first a random walk of the speed, later bounded, as nobody who walks or drives along sways ever faster.
 fn wander_m2(seconds: f64) -> f64 {
     let ratio = seconds / WANDER_TIME_S;
     // A cubic from here on down is more exact than the difference of the terms.
     if ratio < 1e-3 {
-        return WANDER_NOISE * seconds.powi(3) / 3.0;
+        return LATERAL_PROCESS_NOISE * seconds.powi(3) / 3.0;
     }
     let forgotten = 1.0 - (-ratio).exp();
     let forgotten_twice = 1.0 - (-2.0 * ratio).exp();
-    WANDER_NOISE * WANDER_TIME_S.powi(3) * (ratio - 2.0 * forgotten + forgotten_twice / 2.0)
+    LATERAL_PROCESS_NOISE * WANDER_TIME_S.powi(3) * (ratio - 2.0 * forgotten + forgotten_twice / 2.0)
 }
 
 /// Lateral acceleration of a thing that follows our path at its speed, in m/s².

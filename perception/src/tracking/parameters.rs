@@ -164,16 +164,10 @@ pub const PROCESS_NOISE: f64 = 0.25;
 pub const MANOEUVRE_PROCESS_NOISE: f64 = 5.0;
 /// Process noise of the lateral speed, in m²/s³: 0.45 m/s after one second, what a walker, a rider or a car in its lane changes.
 pub const LATERAL_PROCESS_NOISE: f64 = 0.6;
-/// The same while the CUSUM test finds a change of course, in m²/s³: who starts to run across has 2 m/s after a second.
-pub const LATERAL_MANOEUVRE_NOISE: f64 = 0.6;
-/// Changes of the lateral speed that a prediction reckons with, in m²/s³: between both, as a change may begin at any time.
-pub const WANDER_NOISE: f64 = 0.6;
-/// Correlation time of a manoeuvre's acceleration, in seconds: braking to avoid something lasts two or three.
-pub const MANOEUVRE_TIME_S: f64 = 2.5;
-/// Standard deviation of that acceleration before it is measured, in m/s²: drivers brake with 3, in an emergency with 8.
+/// Standard deviation of a manoeuvre's acceleration before it is measured, in m/s²: drivers brake with 3, in an emergency with 8.
 pub const MANOEUVRE_SIGMA_M_S2: f64 = 3.0;
-/// By how much it changes within that time, in m/s² (standard deviation): who brakes hardly brakes more, or less.
-pub const CHANGE_SIGMA_M_S2: f64 = 0.7;
+/// Spectral density of the jerk during a manoeuvre, in m²/s⁵: 1.7 m/s² after a second, as who brakes may brake more, or no longer.
+pub const JERK_NOISE: f64 = 3.0;
 /// Time after which a manoeuvre is expected anew, if nothing tells of one yet, in seconds: a shorter time tells no acceleration.
 pub const EXPECTED_AGAIN_S: f64 = 0.45;
 /// An acceleration that differs from 0 by this many standard deviations is one.

@@ -132,14 +132,14 @@ fn a_walker_counts_if_he_is_in_the_strip_when_we_are_there() {
 #[test]
 fn a_change_of_course_is_bounded() {
     // At first a random walk of the speed,
-    let walk = |seconds: f64| WANDER_NOISE * seconds.powi(3) / 3.0;
+    let walk = |seconds: f64| LATERAL_PROCESS_NOISE * seconds.powi(3) / 3.0;
     for seconds in [1e-4, 1e-3, 0.05] {
         assert!((wander_m2(seconds) / walk(seconds) - 1.0).abs() < 0.05, "{seconds}");
     }
     // later a speed across of 0.67 m/s, kept for the time in which it is forgotten.
     assert!(wander_m2(2.5) < walk(2.5) / 2.0 && wander_m2(2.5) > 0.5, "{}", wander_m2(2.5));
     let rate = wander_m2(21.0) - wander_m2(20.0);
-    assert!((rate - WANDER_NOISE * WANDER_TIME_S * WANDER_TIME_S).abs() < 1e-3, "{rate}");
+    assert!((rate - LATERAL_PROCESS_NOISE * WANDER_TIME_S * WANDER_TIME_S).abs() < 1e-3, "{rate}");
 }
 
 #[test]

@@ -15,9 +15,8 @@
 use super::innovations::{Innovations, Judgement};
 use crate::motion::planar::Planar;
 use crate::tracking::parameters::{
-    CHANGE_SIGMA_M_S2, INITIAL_CLOSING_SIGMA_M_S, INITIAL_LATERAL_SIGMA_M_S, LATERAL_MANOEUVRE_NOISE,
-    LATERAL_PROCESS_NOISE, MANOEUVRE_PROCESS_NOISE, MANOEUVRE_SIGMA_M_S2, MANOEUVRE_TIME_S, OUTLIER_SIGMAS,
-    PROCESS_NOISE,
+    INITIAL_CLOSING_SIGMA_M_S, INITIAL_LATERAL_SIGMA_M_S, LATERAL_PROCESS_NOISE, MANOEUVRE_PROCESS_NOISE,
+    MANOEUVRE_SIGMA_M_S2, OUTLIER_SIGMAS, PROCESS_NOISE,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -82,7 +81,7 @@ pub struct BearingChange {
 pub enum Model {
     /// It does not, but for noise.
     Steady,
-    /// By an acceleration that is correlated in time (Singer, 1970).
+    /// By an acceleration, which changes during a manoeuvre only: a Wiener process (Bar-Shalom, Li and Kirubarajan, 2001, section 6.2.3).
     Accelerating,
 }
 
@@ -151,25 +150,20 @@ impl Estimate {
     pub(super) fn advance(&mut self, t: f64) {
         let mut f = Covariance::identity();
         (f[(X, VX)], f[(Z, VZ)]) = (t, t);
-        let kept = (-t / MANOEUVRE_TIME_S).exp();
         if self.model == Model::Accelerating {
-            (f[(Z, AZ)], f[(VZ, AZ)], f[(AZ, AZ)]) = (t * t / 2.0, t, kept);
+            (f[(Z, AZ)], f[(VZ, AZ)]) = (t * t / 2.0, t);
         }
         self.state = f * self.state;
         self.p = f * self.p * f.transpose();
-        let across = if self.across.are_biased() { LATERAL_MANOEUVRE_NOISE } else { LATERAL_PROCESS_NOISE };
         let is_steady = self.model == Model::Steady;
         let along =
             if is_steady && self.along.are_biased() { MANOEUVRE_PROCESS_NOISE } else { PROCESS_NOISE };
-        for (place, speed, density) in [(X, VX, across), (Z, VZ, along)] {
+        for (place, speed, density) in [(X, VX, LATERAL_PROCESS_NOISE), (Z, VZ, along)] {
             self.p[(place, place)] += density * t.powi(3) / 3.0;
             self.p[(speed, speed)] += density * t;
             let both = density * t * t / 2.0;
             self.p[(place, speed)] += both;
             self.p[(speed, place)] += both;
-        }
-        if !is_steady {
-            self.p[(AZ, AZ)] += CHANGE_SIGMA_M_S2 * CHANGE_SIGMA_M_S2 * (1.0 - kept * kept);
         }
     }
 

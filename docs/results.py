@@ -228,32 +228,39 @@ def silent(lookout):
 # Standard tests
 
 NCAP_SPEEDS = ["20", "40", "60", "80"]
-NCAP = ["evaluate", "ncap", "--rig", "board", "--nominal"]
+NCAP_SEEDS = ["--seeds", "101-103", "--threads", "2", "--json"]
 
 
-def ncap(lookout):
-    """The rows by speed, by day and at night; what was passed."""
-    impacts = [*NCAP, "--speeds", ",".join(NCAP_SPEEDS), "--only", "impacts", "--seeds", "101-103", "--threads", "2", "--json"]
-    runs = lookout.json(*impacts)["runs"]
-    is_night = lambda run: run["weather"] == "night"
-    names = list(dict.fromkeys((run["row"], is_night(run)) for run in sorted(runs, key=is_night)))
-    lines = []
-    for row, night in names:
-        of_row = [run for run in runs if (run["row"], is_night(run)) == (row, night)]
-        cells = [ncap_cell([run for run in of_row if f"{run['own_km_h']:g}" == speed]) for speed in NCAP_SPEEDS]
-        if any(run["passed"] is not None for run in of_row):
-            lines.append([row + (", night" if night else ""), *cells])
-    text = table(["row", *(f"{speed} km/h" for speed in NCAP_SPEEDS)], lines) + "\n"
-    for name, night in [("By day", False), ("at night", True)]:
-        judged = [run for run in runs if is_night(run) == night and run["passed"] is not None]
-        cells = {}
-        for run in judged:
-            cells.setdefault((run["row"], run["own_km_h"]), []).append(run["passed"])
-        by_seed = [sum(run["passed"] for run in judged if run["seed"] == seed) for seed in (101, 102, 103)]
-        share = 100 * sum(by_seed) / max(len(judged), 1)
-        text += f"{name} **{sum(by_seed)} of {len(judged)} judged runs pass** ({share:.0f} %; by seed {', '.join(map(str, by_seed))}), "
-        text += f"{sum(map(all, cells.values()))} of {len(cells)} cells with all seeds" + (".\n" if night else "; ")
-    return text
+def ncap(rig, *arguments):
+    """The rows by speed with a rig, by day and at night; what was passed."""
+
+    def rows(lookout):
+        impacts = ["evaluate", "ncap", "--rig", rig, "--nominal", "--speeds", ",".join(NCAP_SPEEDS), "--only", "impacts"]
+        runs = lookout.json(*impacts, *arguments, *NCAP_SEEDS)["runs"]
+        is_night = lambda run: run["weather"] == "night"
+        names = list(dict.fromkeys((run["row"], is_night(run)) for run in sorted(runs, key=is_night)))
+        lines = []
+        for row, night in names:
+            of_row = [run for run in runs if (run["row"], is_night(run)) == (row, night)]
+            cells = [ncap_cell([run for run in of_row if f"{run['own_km_h']:g}" == speed]) for speed in NCAP_SPEEDS]
+            if any(run["passed"] is not None for run in of_row):
+                lines.append([row + (", night" if night else ""), *cells])
+        times = [(words, night) for words, night in [("By day", False), ("at night", True)] if any(is_night(run) == night for run in runs)]
+        sums = "; ".join(f"{words} {ncap_sum([run for run in runs if is_night(run) == night])}" for words, night in times)
+        return table(["row", *(f"{speed} km/h" for speed in NCAP_SPEEDS)], lines) + f"\n{sums}.\n"
+
+    return rows
+
+
+def ncap_sum(runs):
+    judged = [run for run in runs if run["passed"] is not None]
+    cells = {}
+    for run in judged:
+        cells.setdefault((run["row"], run["own_km_h"]), []).append(run["passed"])
+    by_seed = [sum(run["passed"] for run in judged if run["seed"] == seed) for seed in sorted({run["seed"] for run in judged})]
+    share = 100 * sum(by_seed) / max(len(judged), 1)
+    text = f"**{sum(by_seed)} of {len(judged)} judged runs pass** ({share:.0f} %; by seed {', '.join(map(str, by_seed))}), "
+    return text + f"{sum(map(all, cells.values()))} of {len(cells)} cells with all seeds"
 
 
 def ncap_cell(runs):
@@ -270,12 +277,12 @@ def ncap_cell(runs):
 
 def ncap_near(lookout):
     """How many near misses of each row are silent, and which are not."""
-    near = [*NCAP, "--speeds", "40", "--only", "near-misses", "--weather", "sunny", "--seeds", "101", "--threads", "2", "--json"]
-    runs = [run for run in lookout.json(*near)["runs"] if run["passed"] is not None]
+    near = ["evaluate", "ncap", "--rig", "board", "--nominal", "--speeds", "40", "--only", "near-misses", "--weather", "sunny"]
+    runs = [run for run in lookout.json(*near, *NCAP_SEEDS)["runs"] if run["passed"] is not None]
     lines = []
     for row in dict.fromkeys(run["row"] for run in runs):
         of_row = [run for run in runs if run["row"] == row]
-        loud = [f"{run['miss']}: {'; '.join(run['reasons'])}" for run in of_row if not run["passed"]]
+        loud = [f"{run['miss']}, seed {run['seed']}: {'; '.join(run['reasons'])}" for run in of_row if not run["passed"]]
         lines.append([row, f"{sum(run['passed'] for run in of_row)} of {len(of_row)}", "<br>".join(loud)])
     silent_runs = sum(run["passed"] for run in runs)
     return table(["row", "silent", "not silent"], lines) + f"\n**{silent_runs} of {len(runs)} near misses are silent.**\n"
@@ -436,7 +443,8 @@ TABLES = {
     "free-space": free_space,
     "approaches": approaches,
     "silent": silent,
-    "ncap": ncap,
+    "ncap": ncap("board"),
+    "ncap-paper": ncap("paper", "--weather", "sunny"),
     "ncap-near": ncap_near,
     "drives": drives,
     "lidar": lidar,

@@ -128,20 +128,11 @@ fn columns_before(costs: &Costs, count: usize) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::residual::RoadGeometry;
-    use super::super::stixels::{StixelParameters, Stixels};
+    use super::super::fixture::with_region;
     use super::*;
-    use crate::depth::DepthView;
-    use crate::image::GreyView;
-    use crate::outline::Outline;
     use crate::region::PixelBox;
-    use crate::rig::Rig;
-    use crate::road::surface::RoadSurface;
-    use crate::road::tilt::Tilt;
-    use crate::stereo::DisparityView;
 
     const SIZE: (usize, usize) = (256, 64);
-    const RIG: Rig = Rig { focal_px: 500.0, baseline_m: 0.2, cx_px: 128.0, cy_px: 0.0 };
     /// Disparities of the background and of the thing.
     const BACKGROUND: usize = 2;
     const THING: usize = 8;
@@ -169,43 +160,7 @@ mod tests {
 
     /// The sides of a box with the disparity of the thing; the map has that inside the box, and that of the background elsewhere.
     fn sides(pair: &[Vec<u8>; 2], bounds: PixelBox) -> (u32, u32) {
-        let (width, height) = SIZE;
-        let view = |image| GreyView::new(image, width, height, width).unwrap();
-        let mut map = vec![(BACKGROUND * 256) as u16; width * height];
-        for row in map.chunks_exact_mut(width) {
-            row[bounds.x as usize..(bounds.x + bounds.width) as usize].fill((THING * 256) as u16);
-        }
-        let confidence = vec![255; width * height];
-        let depth = DepthView::new(DisparityView::new(&map, width, height).unwrap(), &confidence).unwrap();
-        let mut stixels = Stixels::new(width, height);
-        let parameters = StixelParameters {
-            min_height_m: 0.1,
-            sigmas: 0.0,
-            min_rise_px: 0.1,
-            max_height_m: 3.0,
-            min_disparity_px: 1.0,
-            min_confidence: 100,
-            max_gradient_px: 1.0,
-        };
-        stixels.find(depth, &RoadSurface::new(RIG, width, height, 32), &parameters);
-        let profile_px = vec![1.0; height];
-        let road = RoadGeometry { profile_px: &profile_px, tilt: Tilt::default(), rig: RIG };
-        let region = Region {
-            bounds,
-            disparity_px: THING as f64,
-            disparity_sigma_px: 0.1,
-            distance_m: 12.5,
-            lateral_m: 0.0,
-            width_m: 3.0,
-            height_m: 1.0,
-            inset_m: [0.0; 2],
-            is_hidden: [false; 2],
-            outline: Outline::default(),
-            pixels: 5000,
-            confidence: 0.9,
-            evidence: 4.0,
-        };
-        Verifier { images: [view(&pair[0]), view(&pair[1])], road, stixels: &stixels }.sides(&region)
+        with_region(pair, SIZE, [BACKGROUND, THING], bounds, |verifier, region| verifier.sides(region))
     }
 
     const BOX: PixelBox = PixelBox { x: 60, y: 8, width: 128, height: 40 };

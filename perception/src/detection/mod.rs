@@ -18,6 +18,8 @@
 mod concavity;
 mod contour;
 mod evidence;
+#[cfg(test)]
+mod fixture;
 mod footprint;
 mod occlusion;
 pub mod photometric;

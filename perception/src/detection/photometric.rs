@@ -276,17 +276,10 @@ fn segment_row<const N: usize>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::stixels::StixelParameters;
+    use super::super::fixture::with_region;
     use super::*;
-    use crate::depth::DepthView;
-    use crate::outline::Outline;
-    use crate::rig::Rig;
-    use crate::road::surface::RoadSurface;
-    use crate::road::tilt::Tilt;
-    use crate::stereo::DisparityView;
 
     const SIZE: (usize, usize) = (128, 64);
-    const RIG: Rig = Rig { focal_px: 500.0, baseline_m: 0.2, cx_px: 64.0, cy_px: 0.0 };
     /// Disparity of the background.
     const BACKGROUND: usize = 4;
 
@@ -318,43 +311,7 @@ mod tests {
 
     /// Verifies a box at disparity 8; the map has that disparity inside the box and [`BACKGROUND`] elsewhere.
     fn verify(pair: &[Vec<u8>; 2], bounds: PixelBox) -> Option<Verification> {
-        let (width, height) = SIZE;
-        let view = |image| GreyView::new(image, width, height, width).unwrap();
-        let mut map = vec![(BACKGROUND * 256) as u16; width * height];
-        for row in map.chunks_exact_mut(width) {
-            row[bounds.x as usize..(bounds.x + bounds.width) as usize].fill(8 * 256);
-        }
-        let depth =
-            DepthView::new(DisparityView::new(&map, width, height).unwrap(), &[255; 128 * 64]).unwrap();
-        let mut stixels = Stixels::new(width, height);
-        let parameters = StixelParameters {
-            min_height_m: 0.1,
-            sigmas: 0.0,
-            min_rise_px: 0.1,
-            max_height_m: 3.0,
-            min_disparity_px: 1.0,
-            min_confidence: 100,
-            max_gradient_px: 1.0,
-        };
-        stixels.find(depth, &RoadSurface::new(RIG, width, height, 32), &parameters);
-        let profile_px = vec![1.0; height];
-        let road = RoadGeometry { profile_px: &profile_px, tilt: Tilt::default(), rig: RIG };
-        let region = Region {
-            bounds,
-            disparity_px: 8.0,
-            disparity_sigma_px: 0.1,
-            distance_m: 12.5,
-            lateral_m: 0.0,
-            width_m: 0.3,
-            height_m: 1.0,
-            inset_m: [0.0; 2],
-            is_hidden: [false; 2],
-            outline: Outline::default(),
-            pixels: 500,
-            confidence: 0.9,
-            evidence: 4.0,
-        };
-        Verifier { images: [view(&pair[0]), view(&pair[1])], road, stixels: &stixels }.verify(&region)
+        with_region(pair, SIZE, [BACKGROUND, 8], bounds, |verifier, region| verifier.verify(region))
     }
 
     const BOX: PixelBox = PixelBox { x: 48, y: 8, width: 16, height: 40 };

@@ -75,7 +75,9 @@ impl TrackFilter {
     /// See [`Estimate::predict_over_ground`].
     pub fn predict_over_ground(&mut self, step: &PlanarStep, rates: &OwnRates, elapsed_s: f64) {
         self.pass(elapsed_s);
+        let before_m_s = self.accelerating.speed_m_s()[1];
         self.both(|estimate| estimate.predict_over_ground(step, rates, elapsed_s));
+        self.stop(before_m_s);
     }
 
     /// See [`Estimate::start_over_ground`].

@@ -160,13 +160,14 @@ pub const INITIAL_LATERAL_SIGMA_M_S: f64 = 4.0;
 /// Process noise of the closing speed: spectral density of the acceleration, in m²/s³. Corresponds to a
 /// standard deviation of 0.5 m/s after one second.
 pub const PROCESS_NOISE: f64 = 0.25;
-/// Process noise during a manoeuvre such as braking, detected by the CUSUM test, in m²/s³.
-pub const MANOEUVRE_PROCESS_NOISE: f64 = 5.0;
-/// Process noise of the lateral speed, in m²/s³: 0.45 m/s after one second, what a walker, a rider or a car in its lane changes.
+/// The same in the model of constant speed while the CUSUM test finds that its innovations are biased, as by braking, in m²/s³.
+pub const BIASED_PROCESS_NOISE: f64 = 5.0;
+/// Process noise of the lateral speed, in m²/s³, in the filter and in what the alarm predicts: 0.8 m/s after one second, what a walker or
+/// a rider changes.
 pub const LATERAL_PROCESS_NOISE: f64 = 0.6;
 /// Standard deviation of a manoeuvre's acceleration before it is measured, in m/s²: drivers brake with 3, in an emergency with 8.
 pub const MANOEUVRE_SIGMA_M_S2: f64 = 3.0;
-/// Spectral density of the jerk during a manoeuvre, in m²/s⁵: 1.7 m/s² after a second, as who brakes may brake more, or no longer.
+/// Spectral density of the jerk, which is white noise during a manoeuvre, in m²/s⁵: 1.7 m/s² after a second, as who brakes may brake more, or no longer.
 pub const JERK_NOISE: f64 = 3.0;
 /// Time after which a manoeuvre is expected anew, if nothing tells of one yet, in seconds: a shorter time tells no acceleration.
 pub const EXPECTED_AGAIN_S: f64 = 0.45;
@@ -175,11 +176,11 @@ pub const MANOEUVRE_SIGMAS: f64 = 2.0;
 /// Nothing is said of the acceleration of a thing whose speed is known less well than this, in m/s.
 pub const MAX_MANOEUVRE_SPEED_SIGMA_M_S: f64 = 1.5;
 /// Share of what noise adds to an acceleration that is taken off it: its square exceeds that of the true one by the variance, but the
-/// filter has drawn it to 0 before.
+/// filter begins at 0. With half of it, times to collision are right in the mean of simulated braking.
 pub const BRAKING_NOISE_SHARE: f64 = 0.5;
 /// An acceleration that is less with its standard deviation is over, in m/s²: lifting the foot is no braking.
 pub const STEADY_M_S2: f64 = 1.5;
-/// Largest braking that is expected to go on, in m/s²: dry asphalt.
+/// Largest braking, in m/s²: dry asphalt.
 pub const MAX_BRAKING_M_S2: f64 = 9.0;
 /// Time after which a prediction forgets a change of the speed across, in seconds. The change is then at most √(0.6 · 1.5 / 2) =
 /// 0.7 m/s (standard deviation): a walker who turns off by 30° has 0.7 m/s across, a lane change 1 m/s at its fastest, and a

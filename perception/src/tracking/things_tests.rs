@@ -163,22 +163,29 @@ fn tracks_of_two_parts_become_one_when_the_whole_is_seen() {
 #[test]
 fn a_track_gives_its_motion_only_where_the_distances_agree() {
     // The edge of a wall, by which we drive with 5 m/s; then somebody comes out from behind it.
-    let edge = |seconds: f64| sighting(20.0 - 5.0 * seconds, [-0.3, 0.1], 1.5, 4.0);
+    let edge = |frame: u64| sighting(20.0 - 0.4 * frame as f64, [-0.3, 0.1], 1.5, 4.0);
     let seen_then = |distance_m: f64| {
         let mut tracker = tracker();
-        for frame in 0..=12 {
-            tracker.update(frame * 80_000_000, &[edge(frame as f64 * 0.08)]);
-        }
-        // A new track in one frame, joined with the old one in the next.
-        (13..=14).for_each(|frame| {
-            tracker.update(frame * 80_000_000, &[car(distance_m)]);
+        let mut see = |frame: u64, sightings: &[Region]| {
+            tracker.update(frame * 80_000_000, sightings);
+            tracker.tracks().to_vec()
+        };
+        (0..=11).for_each(|frame| {
+            see(frame, &[edge(frame)]);
         });
-        assert_eq!(tracker.tracks().len(), 1, "{:?}", tracker.tracks());
-        tracker.tracks()[0]
+        // A new track beside it, then the whole.
+        let both = see(12, &[edge(12), sighting(distance_m, [0.2, 0.9], 1.5, 4.0)]);
+        assert_eq!(both.len(), 2, "{both:?}");
+        (13..=14).for_each(|frame| {
+            see(frame, &[car(distance_m)]);
+        });
+        let tracks = see(15, &[car(distance_m)]);
+        assert_eq!((tracks.len(), tracks[0].id), (1, 1), "{tracks:?}");
+        tracks[0]
     };
-    let (same, other) = (seen_then(14.8), seen_then(11.5));
+    let (same, other) = (seen_then(15.0), seen_then(11.5));
     assert!((same.closing_m_s() - 5.0).abs() < 2.0 && same.closing_sigma_m_s() < 2.0, "{same:?}");
-    assert!((other.distance_m() - 11.5).abs() < 0.1 && other.closing_sigma_m_s() > 3.0, "{other:?}");
+    assert!((other.distance_m() - 11.5).abs() < 0.1 && other.closing_m_s().abs() < 1.0, "{other:?}");
 }
 
 #[test]

@@ -267,7 +267,7 @@ impl Track {
         }
     }
 
-    /// Time to collision at constant closing speed; `None` if the track does not approach significantly.
+    /// Time to collision at constant closing speed, or as it goes on braking; `None` if the track does not approach significantly.
     pub fn time_to_collision(&self) -> Option<TimeToCollision> {
         match self.movement {
             Movement::Standing => self.filter.standing_time_to_collision(self.own_sigma_m_s),

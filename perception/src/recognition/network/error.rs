@@ -1,6 +1,7 @@
 //! Why a file is no network.
 
 use super::limits::{MAX_BYTES, MAX_PRODUCTS, OPSETS};
+use std::borrow::Cow;
 use thiserror::Error;
 
 /// Why a file is no network.
@@ -42,7 +43,7 @@ pub enum NetworkError {
         /// Excerpt of its value.
         value: String,
         /// What it should be.
-        expected: &'static str,
+        expected: Cow<'static, str>,
     },
     /// A look would take too long.
     #[error("{0} products for a look: at most {MAX_PRODUCTS}; give a smaller network")]

@@ -58,8 +58,11 @@ pub fn labels(properties: &[Property], count: usize) -> Result<Vec<String>, Netw
         return Err(NetworkError::Property {
             name: "labels",
             value: excerpt(text, VALUE_CHARS).into_owned(),
-            expected: "a name for each number of the output, separated by commas, at most 8 besides \"other\", each of at \
-                       most 15 characters",
+            expected: format!(
+                "a name for each number of the output, separated by commas, at most {MAX_CLASSES} besides {OTHER:?}, each of at \
+                 most {MAX_LABEL} characters"
+            )
+            .into(),
         });
     }
     Ok(labels)
@@ -75,7 +78,7 @@ pub fn margin(properties: &[Property]) -> Result<f32, NetworkError> {
     value.ok_or_else(|| NetworkError::Property {
         name: "margin",
         value: excerpt(text, VALUE_CHARS).into_owned(),
-        expected: "a number from 0 to 1",
+        expected: "a number from 0 to 1".into(),
     })
 }
 
@@ -96,7 +99,9 @@ pub fn sizes(properties: &[Property], labels: &[String]) -> Result<Vec<ClassSize
             return Err(NetworkError::Property {
                 name: "sizes",
                 value: excerpt(part, VALUE_CHARS).into_owned(),
-                expected: "a label, its largest height in metres, and its smallest width as a share of its height",
+                expected:
+                    "a label, its largest height in metres, and its smallest width as a share of its height"
+                        .into(),
             });
         };
         sizes[label] = ClassSize { max_height_m, min_width_share };

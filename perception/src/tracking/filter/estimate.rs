@@ -15,8 +15,8 @@
 use super::innovations::{Innovations, Judgement};
 use crate::motion::planar::Planar;
 use crate::tracking::parameters::{
-    INITIAL_CLOSING_SIGMA_M_S, INITIAL_LATERAL_SIGMA_M_S, LATERAL_PROCESS_NOISE, MANOEUVRE_PROCESS_NOISE,
-    MANOEUVRE_SIGMA_M_S2, OUTLIER_SIGMAS, PROCESS_NOISE,
+    BIASED_PROCESS_NOISE, INITIAL_CLOSING_SIGMA_M_S, INITIAL_LATERAL_SIGMA_M_S, LATERAL_PROCESS_NOISE,
+    MANOEUVRE_SIGMA_M_S2, MAX_BRAKING_M_S2, OUTLIER_SIGMAS, PROCESS_NOISE,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -81,7 +81,8 @@ pub struct BearingChange {
 pub enum Model {
     /// It does not, but for noise.
     Steady,
-    /// By an acceleration, which changes during a manoeuvre only: a Wiener process (Bar-Shalom, Li and Kirubarajan, 2001, section 6.2.3).
+    /// By an acceleration, which changes during a manoeuvre only: the Wiener process acceleration model (Bar-Shalom, Li and Kirubarajan,
+    /// 2001, section 6.2.3), whose noise is added before a step.
     Accelerating,
 }
 
@@ -156,8 +157,7 @@ impl Estimate {
         self.state = f * self.state;
         self.p = f * self.p * f.transpose();
         let is_steady = self.model == Model::Steady;
-        let along =
-            if is_steady && self.along.are_biased() { MANOEUVRE_PROCESS_NOISE } else { PROCESS_NOISE };
+        let along = if is_steady && self.along.are_biased() { BIASED_PROCESS_NOISE } else { PROCESS_NOISE };
         for (place, speed, density) in [(X, VX, LATERAL_PROCESS_NOISE), (Z, VZ, along)] {
             self.p[(place, place)] += density * t.powi(3) / 3.0;
             self.p[(speed, speed)] += density * t;
@@ -217,6 +217,7 @@ impl Estimate {
         }
         if self.model == Model::Accelerating {
             self.p[(AZ, AZ)] = self.p[(AZ, AZ)].max(MIN_ACCELERATION_VARIANCE);
+            self.state[AZ] = self.state[AZ].clamp(-MAX_BRAKING_M_S2, MAX_BRAKING_M_S2);
         }
     }
 

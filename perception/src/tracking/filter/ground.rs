@@ -112,7 +112,8 @@ impl Estimate {
         let before = self.place_m();
         [self.state[X], self.state[Z]] = step.place(before);
         [self.state[VX], self.state[VZ]] = step.direction(self.speed_m_s());
-        // A yaw turns place and speed. The acceleration, which is along the axis, hardly changes with the angle of one step.
+        // A yaw turns place and speed. The acceleration is along the axis, whichever way that turns:
+        // who brakes ahead in a bend turns as we do.
         let (cosine, sine) = step.turn();
         let mut turn = Covariance::identity();
         for [right, ahead] in [[X, Z], [VX, VZ]] {

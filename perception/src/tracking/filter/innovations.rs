@@ -65,13 +65,8 @@ impl Innovations {
         } else {
             self.outliers = OutlierRun::default();
         }
-        self.observe(sigmas);
-        Judgement::Measurement { noise }
-    }
-
-    /// Takes in a normalised innovation, only to tell a bias.
-    pub fn observe(&mut self, sigmas: f64) {
         self.cusum = CUSUM_DECAY * self.cusum + sigmas.clamp(-OUTLIER_SIGMAS, OUTLIER_SIGMAS);
+        Judgement::Measurement { noise }
     }
 
     /// Whether the CUSUM test detects a bias.

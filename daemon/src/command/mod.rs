@@ -137,7 +137,7 @@ pub enum Command {
     #[command(after_help = board::HELP)]
     Board(board::PrintBoard),
     /// Calibrate a stereo camera from pictures of a board, and grade the result
-    #[command(after_help = calibrate::HELP)]
+    #[command(override_usage = calibrate::USAGE, after_help = calibrate::HELP)]
     Calibrate(calibrate::Calibrate),
     /// Rectify one pair with a rig file
     #[command(after_help = rectify::HELP)]

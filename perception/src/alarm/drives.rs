@@ -325,9 +325,21 @@ impl Drive {
 /// Edges of a road of two lanes, seen from the right one.
 const LANES: Option<[f64; 2]> = Some([-5.2, 2.0]);
 
+/// A path of this curvature, in 1/m, and of this speed, in m/s.
+fn arc(curvature_per_m: f64, speed_m_s: f64) -> SweptPath {
+    SweptPath {
+        curvature_per_m,
+        curvature_sigma_per_m: 0.001,
+        speed_m_s,
+        speed_sigma_m_s: 0.1,
+        body: Body::default(),
+        edges: None,
+        is_turning_in: false,
+    }
+}
+
 #[test]
 fn a_turn_that_begins_raises_alarms_but_no_warnings() {
-    let body = Body::default();
     let ground = GroundMotion {
         speed_m_s: [0.0; 2],
         speed_sigma_m_s: [0.1; 2],
@@ -350,15 +362,7 @@ fn a_turn_that_begins_raises_alarms_but_no_warnings() {
                 ground: Some(ground),
                 ..Candidate::default()
             };
-            let path = SweptPath {
-                curvature_per_m: 0.0,
-                curvature_sigma_per_m: 0.001,
-                speed_m_s: 10.0,
-                speed_sigma_m_s: 0.1,
-                body,
-                edges: None,
-                is_turning_in,
-            };
+            let path = SweptPath { is_turning_in, ..arc(0.0, 10.0) };
             level = alarm.update_on_path(frame * 80_000_000, true, Some(path), [thing]).level;
         }
         level
@@ -510,15 +514,7 @@ fn at_rest_only_what_drives_into_us_warns() {
 
 #[test]
 fn who_may_be_in_the_way_of_a_turn_raises_a_warning_and_keeps_no_alarm() {
-    let path = |curvature_per_m| SweptPath {
-        curvature_per_m,
-        curvature_sigma_per_m: 0.001,
-        speed_m_s: 5.56,
-        speed_sigma_m_s: 0.1,
-        body: Body::default(),
-        edges: None,
-        is_turning_in: false,
-    };
+    let path = |curvature_per_m| arc(curvature_per_m, 5.56);
     // The walker is where the turn leads, or straight ahead.
     let walker = |lateral_m, distance_m, speed_m_s: [f64; 2]| Candidate {
         track: 1,
@@ -555,4 +551,41 @@ fn who_may_be_in_the_way_of_a_turn_raises_a_warning_and_keeps_no_alarm() {
         .map(|frame| alarm.update_on_path(frame * step_ns, true, Some(path(1.0 / 15.0)), [turning()]))
         .last();
     assert_eq!(later.map(|state| state.level), Some(AlarmLevel::Warning));
+}
+
+#[test]
+fn what_comes_from_beside_is_warned_of_shortly_before() {
+    let body = Body::default();
+    // Known to half a metre, it will be in the middle of the path as we arrive; or stands there already.
+    let level_at = |seconds: f64, across_m_s: f64| {
+        let mut alarm = Alarm::new(AlarmParameters::default());
+        let path = arc(0.0, 10.0);
+        let distance_m = 10.0 * seconds + body.front_m;
+        let thing = Candidate {
+            track: 1,
+            seen: 20,
+            consecutive_frames: 20,
+            distance_m,
+            closing_m_s: 10.0,
+            time_to_collision: Some(TimeToCollision { seconds, sigma_s: 0.05 }),
+            motion: LateralMotion {
+                lateral_m: -across_m_s * seconds,
+                width_m: 1.8,
+                ..LateralMotion::default()
+            },
+            ground: Some(GroundMotion {
+                speed_m_s: [across_m_s, 0.0],
+                speed_sigma_m_s: [0.05; 2],
+                place_sigma_m: [0.1; 2],
+                correlations: [0.0; 6],
+                movement: if across_m_s == 0.0 { Movement::Standing } else { Movement::Moving },
+            }),
+            ..Candidate::default()
+        };
+        (0..3).map(|frame| alarm.update_on_path(frame * 80_000_000, true, Some(path), [thing]).level).last()
+    };
+    let levels = |seconds| [level_at(seconds, 0.0), level_at(seconds, 4.0)].map(Option::unwrap);
+    assert_eq!(levels(2.4), [AlarmLevel::Warning, AlarmLevel::Clear]);
+    assert_eq!(levels(2.0), [AlarmLevel::Warning; 2]);
+    assert_eq!(levels(1.2), [AlarmLevel::Alarm; 2]);
 }

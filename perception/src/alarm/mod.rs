@@ -304,7 +304,8 @@ impl Alarm {
         // What keeps a warning because it may still be in the way raises no alarm.
         let may = candidate.is_sure() && (candidate.may_raise || is_held(AlarmLevel::Alarm));
         // A warning looks farther ahead than a turn that begins is known.
-        let may_warn = is_held(AlarmLevel::Warning) || !self.path.is_some_and(|path| path.is_turning_in);
+        let may_warn = is_held(AlarmLevel::Warning)
+            || !candidate.is_early && !self.path.is_some_and(|path| path.is_turning_in);
         let alarm = self
             .triggered_rule(candidate, AlarmLevel::Alarm, lead_s, is_held(AlarmLevel::Alarm))
             .filter(|_| may);

@@ -342,7 +342,9 @@ impl Tracker {
                 && let Some(sigma_m_s) =
                     static_points::speed_sigma_m_s(&whole, frame.points, &self.rig, elapsed_s)
             {
-                track.filter.zero_velocity_update(sigma_m_s);
+                // Whose image goes on as it moves does not stand because of points beside it that are taken for its own.
+                let is_known = track.is_followed && track.movement == Movement::Moving;
+                track.filter.zero_velocity_update(sigma_m_s, is_known);
             }
         }
         self.tell_movement();

@@ -7,6 +7,13 @@ use perception::calibration::rectification::MAX_FIELD_OF_VIEW_DEG;
 use perception::calibration::{Crop, Lens};
 use std::path::PathBuf;
 
+/// The three ways to call it, of which the parser would show one.
+pub const USAGE: &str =
+    "lookout calibrate <DIR> --board <COLSxROWS> --square-mm <S> --out <RIG.toml> [OPTIONS]
+       lookout calibrate --live [SOURCE] --board <COLSxROWS> --square-mm <S> --out <RIG.toml> [OPTIONS]
+       lookout calibrate --from-drive <RECORDING> --out <RIG.toml> [OPTIONS]";
+
+/// Text below the options of `--help`.
 pub const HELP: &str = "Examples:
   lookout calibrate pictures --board 9x6 --square-mm 24.23 -o rig.toml
   lookout calibrate pictures --board 9x6 --square-mm 24.23 -o rig.toml --report report

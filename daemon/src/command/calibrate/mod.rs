@@ -4,7 +4,7 @@ mod arguments;
 mod drive;
 mod live;
 
-pub use arguments::{Calibrate, CropArgs, HELP, pair};
+pub use arguments::{Calibrate, CropArgs, HELP, USAGE, pair};
 
 use crate::command::console::say;
 use crate::command::error::CommandError;

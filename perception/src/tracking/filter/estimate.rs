@@ -359,12 +359,20 @@ impl Estimate {
         }
     }
 
-    /// Measures speeds to the right and forward of 0, with these standard deviations in m/s.
-    pub fn zero_velocity_update(&mut self, sigma_m_s: Planar) {
-        for (speed, sigma) in [VX, VZ].into_iter().zip(sigma_m_s) {
-            let (slopes, innovation, noise) = (slopes([(speed, 1.0)]), -self.state[speed], sigma * sigma);
-            self.p[(speed, speed)] += contradiction(innovation, self.spread(&slopes, noise));
-            self.correct(&slopes, innovation, noise);
+    /// Measures speeds to the right and forward of 0, with these standard deviations in m/s; of a thing whose motion is known, only where
+    /// that does not contradict it by more than outliers do.
+    pub fn zero_velocity_update(&mut self, sigma_m_s: Planar, is_known: bool) {
+        let of = |speed: usize| slopes([(speed, 1.0)]);
+        let doubt = |estimate: &Self, speed: usize, noise: f64| {
+            contradiction(estimate.state[speed], estimate.spread(&of(speed), noise))
+        };
+        let speeds = [VX, VZ].into_iter().zip(sigma_m_s.map(|sigma| sigma * sigma));
+        if is_known && speeds.clone().any(|(speed, noise)| doubt(self, speed, noise) > 0.0) {
+            return;
+        }
+        for (speed, noise) in speeds {
+            self.p[(speed, speed)] += doubt(self, speed, noise);
+            self.correct(&of(speed), -self.state[speed], noise);
         }
     }
 

@@ -1,4 +1,4 @@
-use super::estimate::{VZ, Z};
+use super::estimate::{VX, VZ, Z};
 use super::*;
 
 /// Focal length × baseline of the paper's rig, px·m.
@@ -373,4 +373,21 @@ fn what_scatters_less_than_stated_is_found_to_brake_earlier() {
         "braking is found after {steady} frames where disparities scatter by 0.03 px, {noisy} by 0.18 px"
     );
     assert!(steady < noisy && steady <= 12, "{steady} {noisy}");
+}
+
+#[test]
+fn static_points_do_not_stop_what_is_known_to_move() {
+    let speed_after = |speed_m_s: f64, is_known: bool| {
+        let mut filter = TrackFilter::new(SCALE, (SCALE / 8.0, 0.1), (0.1, 0.1));
+        filter.both(|estimate| {
+            (estimate.state[VX], estimate.p[(VX, VX)]) = (speed_m_s, 0.09);
+            (estimate.state[VZ], estimate.p[(VZ, VZ)]) = (0.0, 0.09);
+        });
+        filter.zero_velocity_update([0.4, 0.5], is_known);
+        filter.speed_m_s()[0]
+    };
+    assert_eq!(speed_after(5.6, true), 5.6);
+    assert!(speed_after(5.6, false).abs() < 1.0, "a box may have moved");
+    // What comes to rest.
+    assert!(speed_after(0.8, true) < 0.6);
 }

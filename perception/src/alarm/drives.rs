@@ -554,38 +554,37 @@ fn who_may_be_in_the_way_of_a_turn_raises_a_warning_and_keeps_no_alarm() {
 }
 
 #[test]
-fn what_comes_from_beside_is_warned_of_shortly_before() {
-    let body = Body::default();
-    // Known to half a metre, it will be in the middle of the path as we arrive; or stands there already.
-    let level_at = |seconds: f64, across_m_s: f64| {
+fn what_comes_from_beside_is_warned_of_early_only_if_it_is_sure_to() {
+    // It will be in the middle of the path as we arrive. Its speed across, and how exactly that is known, in m/s.
+    let level_at = |seconds: f64, across_m_s: f64, sigma_m_s: f64| {
         let mut alarm = Alarm::new(AlarmParameters::default());
-        let path = arc(0.0, 10.0);
-        let distance_m = 10.0 * seconds + body.front_m;
         let thing = Candidate {
             track: 1,
             seen: 20,
             consecutive_frames: 20,
-            distance_m,
+            distance_m: 10.0 * seconds + Body::default().front_m,
             closing_m_s: 10.0,
             time_to_collision: Some(TimeToCollision { seconds, sigma_s: 0.05 }),
             motion: LateralMotion {
                 lateral_m: -across_m_s * seconds,
-                width_m: 1.8,
+                width_m: 5.0,
                 ..LateralMotion::default()
             },
             ground: Some(GroundMotion {
                 speed_m_s: [across_m_s, 0.0],
-                speed_sigma_m_s: [0.05; 2],
+                speed_sigma_m_s: [sigma_m_s; 2],
                 place_sigma_m: [0.1; 2],
                 correlations: [0.0; 6],
                 movement: if across_m_s == 0.0 { Movement::Standing } else { Movement::Moving },
             }),
             ..Candidate::default()
         };
-        (0..3).map(|frame| alarm.update_on_path(frame * 80_000_000, true, Some(path), [thing]).level).last()
+        let update =
+            |frame| alarm.update_on_path(frame * 80_000_000, true, Some(arc(0.0, 10.0)), [thing]).level;
+        (0..3_u64).map(update).last().unwrap()
     };
-    let levels = |seconds| [level_at(seconds, 0.0), level_at(seconds, 4.0)].map(Option::unwrap);
-    assert_eq!(levels(2.4), [AlarmLevel::Warning, AlarmLevel::Clear]);
-    assert_eq!(levels(2.0), [AlarmLevel::Warning; 2]);
-    assert_eq!(levels(1.2), [AlarmLevel::Alarm; 2]);
+    let levels = |seconds| [(0.0, 0.1), (4.0, 0.1), (4.0, 0.8)].map(|(v, sigma)| level_at(seconds, v, sigma));
+    assert_eq!(levels(2.4), [AlarmLevel::Warning, AlarmLevel::Warning, AlarmLevel::Clear]);
+    assert_eq!(levels(2.0), [AlarmLevel::Warning; 3]);
+    assert_eq!(levels(1.2), [AlarmLevel::Alarm; 3]);
 }

@@ -62,6 +62,8 @@ pub struct Encounter {
 
 /// From this probability on an obstacle is in the strip, and one beside the strip in the way,
 const IN_THE_WAY: f64 = 0.65;
+/// surely from this one on,
+const SURELY_IN_THE_WAY: f64 = 0.95;
 /// and one that is in the strip, or that already raised a level: unless it more probably will have left.
 const STILL_IN_THE_WAY: f64 = 0.5;
 /// What comes from beside must be so near the middle of the path that this share of the largest probability is reached, which it
@@ -113,6 +115,11 @@ impl Encounter {
         let stays = is_held || self.probability_now >= IN_THE_WAY;
         let enters = IN_THE_WAY.max(ENTERING_SHARE * self.probability_most);
         self.probability_then >= if stays { STILL_IN_THE_WAY } else { enters }
+    }
+
+    /// Whether hardly anything else than a collision is possible.
+    pub fn is_surely_in_the_way(&self) -> bool {
+        self.probability_then >= SURELY_IN_THE_WAY
     }
 
     /// Whether a person or rider is probable enough in a path that is in doubt for a warning, but not for an alarm.

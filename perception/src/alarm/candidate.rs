@@ -13,9 +13,6 @@ use crate::tracking::filter::{TimeToCollision, braking_seconds};
 const MIN_APPROACH_M_S: f64 = 0.5;
 /// While the vehicle stands, only what moves towards it at least this fast counts, in m/s: faster than people walk.
 const MIN_CLOSING_AT_REST_M_S: f64 = 3.0;
-/// Earlier than this before the collision, in seconds, only what comes from beside for sure is warned of: its place then is hardly known to
-/// half a metre, and drivers need 1.7 s.
-const ENTERING_WARNING_S: f64 = 2.1;
 
 /// A confirmed obstacle, as input of the alarm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -49,8 +46,8 @@ pub struct Candidate {
     pub(super) gap_m: f64,
     /// Whether it is so probably in the way that it may raise a level, and not only keep one.
     pub(super) may_raise: bool,
-    /// Whether it comes from beside, and it is too early for a warning ([`ENTERING_WARNING_S`]).
-    pub(super) is_early: bool,
+    /// Whether it comes from beside, and its place at the arrival is in doubt (`Encounter::is_unsure`): a warning can wait.
+    pub(super) is_unsure: bool,
     /// Whether it is less probably in the way than an alarm needs, but the path is in doubt (`Encounter::may_be_in_the_way`): it may raise
     /// or keep a warning, and nothing else.
     pub(super) is_doubtful: bool,
@@ -84,7 +81,7 @@ impl Candidate {
             is_approached: true,
             gap_m: tracked.distance_m,
             may_raise: true,
-            is_early: false,
+            is_unsure: false,
             is_doubtful: false,
         }
     }
@@ -151,10 +148,7 @@ impl Candidate {
             time_to_collision: ttc,
             is_approached: is_approached && found.is_in_strip(is_held) && !path.is_at_rest(),
             may_raise: found.is_in_the_way(false),
-            is_early: moves
-                && !found.is_in_strip(false)
-                && !found.is_surely_in_the_way()
-                && ttc.is_none_or(|ttc| ttc.seconds > ENTERING_WARNING_S),
+            is_unsure: moves && !is_doubtful && found.is_unsure(),
             is_doubtful,
             ..self
         })

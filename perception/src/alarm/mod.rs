@@ -101,6 +101,9 @@ const MAX_WIDTH_JITTER: f64 = 0.5;
 const MAX_TTC_SIGMA_SHARE: f64 = 0.3;
 /// and a closing speed of at least this, in m/s: approaching a queue slowly is not dangerous.
 const MIN_CLOSING_M_S: f64 = 1.0;
+/// What comes from beside and may pass is warned of from this time before the collision on, in seconds: earlier its place then is hardly
+/// known to half a metre, and drivers need 1.7 s.
+const UNSURE_WARNING_S: f64 = 1.95;
 
 /// What the preset distance is at rest if it depends on the speed, in metres from the camera: about the front of a car.
 pub const DISTANCE_AT_REST_M: f64 = 2.0;
@@ -305,7 +308,7 @@ impl Alarm {
         let may = candidate.is_sure() && (candidate.may_raise || is_held(AlarmLevel::Alarm));
         // A warning looks farther ahead than a turn that begins is known.
         let may_warn = is_held(AlarmLevel::Warning)
-            || !candidate.is_early && !self.path.is_some_and(|path| path.is_turning_in);
+            || !self.can_wait(candidate, lead_s) && !self.path.is_some_and(|path| path.is_turning_in);
         let alarm = self
             .triggered_rule(candidate, AlarmLevel::Alarm, lead_s, is_held(AlarmLevel::Alarm))
             .filter(|_| may);
@@ -344,6 +347,19 @@ impl Alarm {
         cause(AlarmLevel::Alarm, alarm, counts.alarm)
             .or_else(|| cause(AlarmLevel::Alarm, by_speed(), counts.alarm))
             .or_else(|| cause(AlarmLevel::Warning, warning, counts.warning))
+    }
+
+    /// Whether stopping before it needs a higher deceleration than that of a warning.
+    fn is_braking_hard(&self, c: &Candidate) -> bool {
+        let limit = self.parameters.deceleration_warning_m_s2;
+        limit > 0.0 && c.required_deceleration_m_s2() > limit
+    }
+
+    /// Whether a warning of what comes from beside can wait until its place at the arrival is known better: while there is time, and the
+    /// brakes need not be used hard.
+    fn can_wait(&self, c: &Candidate, lead_s: f64) -> bool {
+        let seconds = c.time_to_collision.map_or(f64::INFINITY, |ttc| ttc.seconds);
+        c.is_unsure && seconds - Self::lead_s(c, lead_s, false) > UNSURE_WARNING_S && !self.is_braking_hard(c)
     }
 
     /// The preset distance at the own speed, in metres.

@@ -58,17 +58,19 @@ pub struct Encounter {
     /// Gap between the obstacle and the strip when the vehicle arrives, in metres; negative if they overlap: by so much it
     /// would have to be farther aside. That of the prediction that decides.
     pub clearance_m: f64,
+    /// The same now.
+    pub clearance_now_m: f64,
 }
 
 /// From this probability on an obstacle is in the strip, and one beside the strip in the way,
 const IN_THE_WAY: f64 = 0.65;
-/// surely from this one on,
-const SURELY_IN_THE_WAY: f64 = 0.95;
 /// and one that is in the strip, or that already raised a level: unless it more probably will have left.
 const STILL_IN_THE_WAY: f64 = 0.5;
 /// What comes from beside must be so near the middle of the path that this share of the largest probability is reached, which it
 /// would have there: what is well measured and passes by half a metre is then not in the way.
 const ENTERING_SHARE: f64 = 0.8;
+/// From this probability on, it surely is: its place is known well enough.
+const SURELY: f64 = 0.95;
 /// Where the own path is in doubt, as in a turn whose end only the driver knows, a warning for people and riders who move into it is raised
 /// from this probability on; an alarm is not.
 const PATH_IN_DOUBT: f64 = 0.3;
@@ -117,9 +119,9 @@ impl Encounter {
         self.probability_then >= if stays { STILL_IN_THE_WAY } else { enters }
     }
 
-    /// Whether hardly anything else than a collision is possible.
-    pub fn is_surely_in_the_way(&self) -> bool {
-        self.probability_then >= SURELY_IN_THE_WAY
+    /// Whether it is beside the strip now, and not surely in the way.
+    pub fn is_unsure(&self) -> bool {
+        self.clearance_now_m > 0.0 && self.probability_then < SURELY
     }
 
     /// Whether a person or rider is probable enough in a path that is in doubt for a warning, but not for an alarm.
@@ -414,6 +416,7 @@ pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
     } else {
         (along_path, along_sigma_m, clearance_m(path, &now, across_m_s * seconds))
     };
+    let clearance_now_m = self::clearance_m(path, &now, 0.0);
     let is_rider = ground.movement == Movement::Moving
         && obstacle.width_m <= MAX_RIDER_M
         && ground.speed_m_s[0].hypot(ground.speed_m_s[1]) <= MAX_RIDER_M_S;
@@ -430,6 +433,7 @@ pub fn encounter(path: &SweptPath, obstacle: &Obstacle) -> Encounter {
         probability_most: 2.0 * normal_cdf(half_m / sigma_then.max(1e-3)) - 1.0,
         is_path_in_doubt,
         clearance_m,
+        clearance_now_m,
     }
 }
 

@@ -231,6 +231,36 @@ fn a_fence_whose_box_moves_stands_as_its_points_do() {
 }
 
 #[test]
+fn static_points_on_what_moves_and_is_followed_count_when_they_persist() {
+    // A car crosses to the right with 5 m/s. Speed across after eight frames, in the last of which static points lie in its box.
+    let speed_m_s = |with_points: u64, is_followed: bool| {
+        let mut drive = Drive::new(2);
+        let mut last = None;
+        for frame in 0..8 {
+            let t = frame as f64 * PERIOD_S;
+            let (near_m, left_m) = (14.0 - OWN_M_S * t, -2.5 + 5.0 * t);
+            let column = RIG.cx_px + RIG.focal_px * (left_m + 0.9) / near_m;
+            let points = [-20.0, 0.0, 20.0].map(|by_px| ScenePoint {
+                at_px: [column + by_px, 230.0],
+                distance_m: near_m,
+                is_static: true,
+            });
+            drive.tracker.tracks.iter_mut().for_each(|track| track.is_followed = is_followed);
+            let points = if frame + with_points >= 8 { &points[..] } else { &[] };
+            last = drive.see_with(points, near_m, [left_m, left_m + 1.8]);
+        }
+        last.and_then(|track| track.ground()).map_or(f64::NAN, |ground| ground.speed_m_s[0])
+    };
+    let speeds =
+        [(0, true), (2, true), (3, true), (1, false)].map(|(frames, followed)| speed_m_s(frames, followed));
+    println!("speeds across {speeds:.1?}");
+    assert!(
+        speeds[..2].iter().all(|v| (v - 5.0).abs() < 1.0) && speeds[2..].iter().all(|v| v.abs() < 1.5),
+        "{speeds:?}"
+    );
+}
+
+#[test]
 fn the_side_of_a_parked_car_that_is_passed_is_nothing_new() {
     // Numbers of the tracks that begin after a car 1.6 to 3.4 m to the right has come near, with slivers of this place beside the
     // axis, so far behind its near side.

@@ -144,8 +144,8 @@ impl TrackFilter {
     }
 
     /// See [`Estimate::zero_velocity_update`].
-    pub fn zero_velocity_update(&mut self, sigma_m_s: Planar, is_known: bool) {
-        self.both(|estimate| estimate.zero_velocity_update(sigma_m_s, is_known));
+    pub fn zero_velocity_update(&mut self, sigma_m_s: Planar) {
+        self.both(|estimate| estimate.zero_velocity_update(sigma_m_s));
     }
 
     /// See [`Estimate::separate_speed`].

@@ -338,13 +338,12 @@ impl Tracker {
             }
             track.existence.look(evidence, 1.0, elapsed_s);
             track.update(first, &whole, cameras);
-            if self.own.is_some()
-                && let Some(sigma_m_s) =
-                    static_points::speed_sigma_m_s(&whole, frame.points, &self.rig, elapsed_s)
+            let rest = static_points::speed_sigma_m_s(&whole, frame.points, &self.rig, elapsed_s);
+            let rest = rest.filter(|_| self.own.is_some());
+            if track.may_rest(rest)
+                && let Some(sigma_m_s) = rest
             {
-                // Whose image goes on as it moves does not stand because of points beside it that are taken for its own.
-                let is_known = track.is_followed && track.movement == Movement::Moving;
-                track.filter.zero_velocity_update(sigma_m_s, is_known);
+                track.filter.zero_velocity_update(sigma_m_s);
             }
         }
         self.tell_movement();

@@ -2,7 +2,8 @@
 //!
 //! The inliers of odometry are static points of the scene. Where several lie on a thing, at its distance, the thing is static, too; the
 //! error of its speed is the smallest one that would have moved them visibly. The box does not matter: that of a parked car
-//! that leaves the picture, or of a fence of which each frame shows another part, moves; the points on it do not.
+//! that leaves the picture, or of a fence of which each frame shows another part, moves; the points on it do not. Where they contradict
+//! the image of a thing that moves, several frames have to agree ([`super::track::Track::may_rest`]).
 
 use super::parameters::{
     STANDING_SPEED_M_S, STATIC_GATE_PX, STATIC_GATE_SHARE, STATIC_MARGINS, STATIC_MAX_DEPTH_M,

@@ -7,9 +7,9 @@ use super::filter::ground::{GroundMotion, Movement};
 use super::filter::{Estimate, TimeToCollision, TrackFilter};
 use super::parameters::{
     CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, CUT_DEPTH_SIGMA_M, CUT_SIGMA_SHARE, FOUND_AGAIN_S, MIN_SIGMA_PX,
-    NOISE_INFLATION, OUTLIER_SIGMAS, SIDE_DEPTH_SHARE, SYSTEMATIC_PX, WALKER_M,
+    NOISE_INFLATION, OUTLIER_SIGMAS, SIDE_DEPTH_SHARE, STEP_FRAMES, SYSTEMATIC_PX, WALKER_M,
 };
-use crate::motion::planar::OwnRates;
+use crate::motion::planar::{OwnRates, Planar};
 use crate::outline::Outline;
 use crate::region::{PixelBox, Region, SHAPE_M};
 use crate::rig::Rig;
@@ -67,6 +67,8 @@ pub struct Track {
     pub movement: Movement,
     /// The same in the frame before.
     pub(super) movement_before: Movement,
+    /// Consecutive frames in which static points contradicted that it moves.
+    rest_frames: u8,
     /// Whether its speeds are over ground.
     pub(super) is_over_ground: bool,
     /// Standard deviation of the closing speed of a standing thing in its place, in m/s.
@@ -107,6 +109,7 @@ impl Track {
             unseen_s: 0.0,
             movement: Movement::Unknown,
             movement_before: Movement::Unknown,
+            rest_frames: 0,
             own_sigma_m_s: 0.0,
             is_over_ground: rates.is_some(),
         };
@@ -213,6 +216,15 @@ impl Track {
     /// Standard deviation of the distance, in metres, with the part of the error that the filter cannot average out.
     pub fn distance_sigma_m(&self) -> f64 {
         self.estimate().place_sigma_m()[1].hypot(self.systematic_m())
+    }
+
+    /// Whether static points that tell with these standard deviations (m/s) that it stands are on it. Where its image goes on as it moves,
+    /// they may lie beside it, until several frames agree.
+    pub(super) fn may_rest(&mut self, sigma_m_s: Option<Planar>) -> bool {
+        let is_known = self.is_followed && self.movement == Movement::Moving;
+        let contradicts = is_known && sigma_m_s.is_some_and(|sigma| self.filter.contradicts_rest(sigma));
+        self.rest_frames = if contradicts { self.rest_frames.saturating_add(1) } else { 0 };
+        !contradicts || self.rest_frames >= STEP_FRAMES
     }
 
     /// Whether both distances differ by no more than outliers do.

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// The three ways to call it, of which the parser would show one.
 pub const USAGE: &str =
     "lookout calibrate <DIR> --board <COLSxROWS> --square-mm <S> --out <RIG.toml> [OPTIONS]
-       lookout calibrate --live [SOURCE] --board <COLSxROWS> --square-mm <S> --out <RIG.toml> [OPTIONS]
+       lookout calibrate [DIR] --live --board <COLSxROWS> --square-mm <S> --out <RIG.toml> [OPTIONS]
        lookout calibrate --from-drive <RECORDING> --out <RIG.toml> [OPTIONS]";
 
 /// Text below the options of `--help`.

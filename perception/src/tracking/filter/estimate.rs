@@ -359,20 +359,25 @@ impl Estimate {
         }
     }
 
-    /// Measures speeds to the right and forward of 0, with these standard deviations in m/s; of a thing whose motion is known, only where
-    /// that does not contradict it by more than outliers do.
-    pub fn zero_velocity_update(&mut self, sigma_m_s: Planar, is_known: bool) {
-        let of = |speed: usize| slopes([(speed, 1.0)]);
-        let doubt = |estimate: &Self, speed: usize, noise: f64| {
-            contradiction(estimate.state[speed], estimate.spread(&of(speed), noise))
-        };
-        let speeds = [VX, VZ].into_iter().zip(sigma_m_s.map(|sigma| sigma * sigma));
-        if is_known && speeds.clone().any(|(speed, noise)| doubt(self, speed, noise) > 0.0) {
-            return;
-        }
-        for (speed, noise) in speeds {
-            self.p[(speed, speed)] += doubt(self, speed, noise);
-            self.correct(&of(speed), -self.state[speed], noise);
+    /// Squares of the speeds to the right and forward that contradict 0, with these standard deviations in m/s, by more than outliers do.
+    fn doubt_of_rest(&self, sigma_m_s: Planar) -> Planar {
+        [0, 1].map(|i| {
+            let noise = sigma_m_s[i] * sigma_m_s[i];
+            contradiction(self.state[VX + i], self.p[(VX + i, VX + i)] + noise)
+        })
+    }
+
+    /// Whether it moves by what is known so far, while it is measured to stand with these standard deviations, in m/s.
+    pub fn contradicts_rest(&self, sigma_m_s: Planar) -> bool {
+        self.doubt_of_rest(sigma_m_s) != [0.0; 2]
+    }
+
+    /// Measures speeds to the right and forward of 0, with these standard deviations in m/s.
+    pub fn zero_velocity_update(&mut self, sigma_m_s: Planar) {
+        for (i, sigma) in sigma_m_s.into_iter().enumerate() {
+            let speed = VX + i;
+            self.p[(speed, speed)] += self.doubt_of_rest(sigma_m_s)[i];
+            self.correct(&slopes([(speed, 1.0)]), -self.state[speed], sigma * sigma);
         }
     }
 

@@ -376,18 +376,20 @@ fn what_scatters_less_than_stated_is_found_to_brake_earlier() {
 }
 
 #[test]
-fn static_points_do_not_stop_what_is_known_to_move() {
-    let speed_after = |speed_m_s: f64, is_known: bool| {
+fn standing_contradicts_what_is_known_to_move() {
+    let filter_at = |speed_m_s: f64| {
         let mut filter = TrackFilter::new(SCALE, (SCALE / 8.0, 0.1), (0.1, 0.1));
         filter.both(|estimate| {
             (estimate.state[VX], estimate.p[(VX, VX)]) = (speed_m_s, 0.09);
             (estimate.state[VZ], estimate.p[(VZ, VZ)]) = (0.0, 0.09);
         });
-        filter.zero_velocity_update([0.4, 0.5], is_known);
-        filter.speed_m_s()[0]
+        filter
     };
-    assert_eq!(speed_after(5.6, true), 5.6);
-    assert!(speed_after(5.6, false).abs() < 1.0, "a box may have moved");
-    // What comes to rest.
-    assert!(speed_after(0.8, true) < 0.6);
+    let sigma_m_s = [0.4, 0.5];
+    assert!(filter_at(5.6).contradicts_rest(sigma_m_s) && !filter_at(0.8).contradicts_rest(sigma_m_s));
+    for (speed_m_s, most_m_s) in [(5.6, 1.0), (0.8, 0.6)] {
+        let mut filter = filter_at(speed_m_s);
+        filter.zero_velocity_update(sigma_m_s);
+        assert!(filter.speed_m_s()[0].abs() < most_m_s, "{:?}", filter.speed_m_s());
+    }
 }

@@ -9,7 +9,8 @@
 use super::photometric::{
     BORDER, MARGIN_COLUMNS, MIN_SIDE_REDUCTION, NO_SURFACE_COST, Verifier, gradient_costs,
 };
-use crate::region::Region;
+use super::stixels::STRIP_COLUMNS;
+use crate::region::{DEPTH_BLUR_PX, Region};
 use std::ops::Range;
 
 /// Largest number of rows of a region that are examined.
@@ -21,6 +22,8 @@ const MIN_PART: usize = 3;
 /// Largest number of columns that are examined at each side, [`MARGIN_COLUMNS`] of them outside: three times as many as the matcher
 /// smears over asphalt.
 const COLUMNS: usize = 54;
+/// A side is examined if its end is less than this behind the near face, in px: the side of a near car, which is seen, runs farther away.
+const MAX_BEHIND_PX: f64 = 2.0;
 /// Cost of a column of the region's surface, in grey levels.
 const COLUMN_COST: f32 = 0.3;
 /// Surfaces in their order from the outside: beside the region, the road, the region.
@@ -40,8 +43,12 @@ impl Verifier<'_> {
         // The right image shows nothing farther left.
         let hidden = region.disparity_px.ceil().max(0.0) as usize;
         let is_cut = [first < hidden + MARGIN_COLUMNS + BORDER, end + MARGIN_COLUMNS + BORDER > width];
-        let oblique = region.outline.end_depth_m;
-        let is_shown = |side: &usize| !is_cut[*side] && oblique[*side] <= 0.0 && region.inset_m[*side] <= 0.0;
+        let rig = &self.road.rig;
+        let behind_px = region
+            .outline
+            .end_depth_m
+            .map(|depth_m| region.disparity_px - rig.disparity_px(region.distance_m + depth_m));
+        let is_shown = |side: &usize| !is_cut[*side] && behind_px[*side] < MAX_BEHIND_PX;
         let count = ((end - first) / 2 + MARGIN_COLUMNS).min(COLUMNS);
         let step = (b.height as usize).div_ceil(MAX_ROWS).max(1);
         let (mut beside, mut counts, mut rows) = ([[0; MAX_ROWS]; 2], [0; 2], 0);
@@ -57,9 +64,10 @@ impl Verifier<'_> {
                 };
                 let surfaces_px = [[left_px, right_px][side], road_px, own_px];
                 let found = if surfaces.is_continuous[side] {
-                    Some(0)
+                    // At the foot of a thing the road is as near, and tells nothing of its side.
+                    road_px.map(|_| 0)
                 } else {
-                    self.columns_beside(y, surfaces_px, columns, side == 1)
+                    self.columns_beside(y, surfaces_px, behind_px[side] as f32, columns, side == 1)
                 };
                 if let Some(columns) = found {
                     beside[side][counts[side]] = columns.saturating_sub(MARGIN_COLUMNS);
@@ -72,18 +80,19 @@ impl Verifier<'_> {
             beside.sort_unstable();
             let is_found = beside.len() >= MIN_ROWS && MIN_PART * beside.len() >= rows;
             // The outer fifth of the rows is ignored, since mirrors or wheels may protrude.
-            if is_found { beside[beside.len() / 5] as u32 } else { 0 }
+            if is_found { beside[2 * beside.len() / 5] as u32 } else { 0 }
         });
         (b.x + left, b.x + b.width - right)
     }
 
     /// How many of these columns around a side of a region are outside it in row `y`, by the disparities of the surface beside it, the road
-    /// and itself, in px. `is_right`: the outermost one is the last one. `None` without another surface, or if that of the region explains
-    /// the row too little better.
+    /// and itself, in px, its own up to `behind_px` less at the side. `is_right`: the outermost one is the last one. `None` without another
+    /// surface, or if that of the region explains the row too little better.
     fn columns_beside(
         &self,
         y: usize,
         surfaces_px: [Option<f32>; SURFACES],
+        behind_px: f32,
         columns: Range<usize>,
         is_right: bool,
     ) -> Option<usize> {
@@ -92,13 +101,30 @@ impl Verifier<'_> {
         }
         let [left, right] = self.images.map(|image| image.row(y));
         let mut costs: Costs = [[NO_SURFACE_COST; COLUMNS]; SURFACES];
-        for (disparity_px, costs) in surfaces_px.iter().zip(&mut costs) {
-            if let Some(disparity_px) = *disparity_px {
-                let costs = &mut costs[..columns.len()];
-                gradient_costs(self.stixels.level(), left, right, disparity_px, columns.start, costs);
-                if is_right {
-                    costs.reverse();
-                }
+        for (surface, costs) in costs.iter_mut().enumerate() {
+            let Some(surface_px) = surfaces_px[surface] else { continue };
+            let costs = &mut costs[..columns.len()];
+            // A side that runs away is where the map has it, strip by strip.
+            let is_oblique = surface == OWN && behind_px > 0.0;
+            let mut from = columns.start;
+            while from < columns.end {
+                let strip = from / STRIP_COLUMNS;
+                let to =
+                    if is_oblique { ((strip + 1) * STRIP_COLUMNS).min(columns.end) } else { columns.end };
+                let own_px = || f32::from(self.stixels.depths(strip)[y]) / 256.0;
+                let range_px = surface_px - behind_px - DEPTH_BLUR_PX as f32..surface_px;
+                let disparity_px =
+                    if is_oblique && strip < self.stixels.strips() && range_px.contains(&own_px()) {
+                        own_px()
+                    } else {
+                        surface_px
+                    };
+                let part = &mut costs[from - columns.start..to - columns.start];
+                gradient_costs(self.stixels.level(), left, right, disparity_px, from, part);
+                from = to;
+            }
+            if is_right {
+                costs.reverse();
             }
         }
         columns_before(&costs, columns.len())
@@ -128,7 +154,7 @@ fn columns_before(costs: &Costs, count: usize) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::fixture::with_region;
+    use super::super::fixture::{with_left_side, with_region};
     use super::*;
     use crate::region::PixelBox;
 
@@ -202,6 +228,33 @@ mod tests {
             let (first, end) = sides(&pair, bounds);
             assert!((84..=94).contains(&first) && end.abs_diff(170) <= 2, "{first} {end}");
         }
+    }
+
+    /// The same with a left side of 32 columns that ends so many px behind the rest.
+    fn first_of_side(pair: &[Vec<u8>; 2], behind_px: usize) -> u32 {
+        let of = |verifier: &Verifier<'_>, region: &Region| verifier.sides(region);
+        with_left_side(pair, SIZE, [BACKGROUND, THING], BOX, (32, behind_px), of).0
+    }
+
+    #[test]
+    fn what_only_seems_to_be_its_side_is_not_of_it() {
+        for behind in [0, 60] {
+            let first = first_of_side(&pair(92..170, behind), 1);
+            assert!((84..=94).contains(&first), "{first}");
+        }
+        // The side of what is near is not examined: the map has it.
+        assert_eq!(first_of_side(&pair(92..170, 60), 2), BOX.x);
+    }
+
+    #[test]
+    fn a_side_that_runs_away_is_of_it() {
+        let mut pair = pair(60..170, 60);
+        let [left, right] = &mut pair;
+        for (left, right) in left.chunks_exact(SIZE.0).zip(right.chunks_exact_mut(SIZE.0)) {
+            right[61 - THING..93 - THING].copy_from_slice(&left[60..92]);
+        }
+        let first = first_of_side(&pair, 1);
+        assert!(first <= 62, "{first}");
     }
 
     #[test]

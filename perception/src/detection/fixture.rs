@@ -19,16 +19,30 @@ const BASELINE_M: f64 = 0.2;
 /// elsewhere.
 pub fn with_region<T>(
     pair: &[Vec<u8>; 2],
+    size: (usize, usize),
+    disparities_px: [usize; 2],
+    bounds: PixelBox,
+    of: impl FnOnce(&Verifier<'_>, &Region) -> T,
+) -> T {
+    with_left_side(pair, size, disparities_px, bounds, (0, 0), of)
+}
+
+/// The same; so many of its left columns are a side that ends so many px behind the rest.
+pub fn with_left_side<T>(
+    pair: &[Vec<u8>; 2],
     (width, height): (usize, usize),
     [background_px, thing_px]: [usize; 2],
     bounds: PixelBox,
+    (side_columns, behind_px): (usize, usize),
     of: impl FnOnce(&Verifier<'_>, &Region) -> T,
 ) -> T {
     let rig = Rig { focal_px: FOCAL_PX, baseline_m: BASELINE_M, cx_px: width as f64 / 2.0, cy_px: 0.0 };
     let view = |image| GreyView::new(image, width, height, width).unwrap();
     let mut map = vec![(background_px * 256) as u16; width * height];
     for row in map.chunks_exact_mut(width) {
-        row[bounds.x as usize..(bounds.x + bounds.width) as usize].fill((thing_px * 256) as u16);
+        let row = &mut row[bounds.x as usize..(bounds.x + bounds.width) as usize];
+        row.fill((thing_px * 256) as u16);
+        row[..side_columns].fill(((thing_px - behind_px) * 256) as u16);
     }
     let confidence = vec![255; width * height];
     let depth = DepthView::new(DisparityView::new(&map, width, height).unwrap(), &confidence).unwrap();
@@ -44,6 +58,7 @@ pub fn with_region<T>(
     };
     stixels.find(depth, &RoadSurface::new(rig, width, height, 32), &parameters);
     let distance_m = rig.distance_m(thing_px as f64);
+    let end_depth_m = [rig.distance_m((thing_px - behind_px) as f64) - distance_m, 0.0];
     let region = Region {
         bounds,
         disparity_px: thing_px as f64,
@@ -54,7 +69,7 @@ pub fn with_region<T>(
         height_m: 1.0,
         inset_m: [0.0; 2],
         is_hidden: [false; 2],
-        outline: Outline::default(),
+        outline: Outline { end_depth_m, ..Outline::default() },
         pixels: bounds.width * bounds.height,
         confidence: 0.9,
         evidence: 4.0,

@@ -323,7 +323,12 @@ impl Tracker {
                 filter.measure_bearing_change(&change);
             }
             if let Some(ImageScale { scale, sigma, .. }) = motion.scale {
-                filter.measure_scale(scale, sigma, DEPTH_OFFSET_M, GATE_SIGMAS);
+                // What is behind the near side, but for a part of the image, moves against it as the bearing changes: the image becomes
+                // wider or narrower.
+                let by_depth = bearing.map_or(0.0, |change| change.by_depth);
+                let wide_m = view.rectangle.size[0] / self.rig.focal_px * filter.distance_m();
+                let turned = by_depth * DEPTH_OFFSET_M / wide_m;
+                filter.measure_scale(scale, sigma.hypot(turned), DEPTH_OFFSET_M, GATE_SIGMAS);
             }
             if motion.is_stored {
                 // Of a first image as much is assumed as of the clearest.

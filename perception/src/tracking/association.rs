@@ -13,6 +13,9 @@ use crate::outline::BODY_LENGTH_M;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 
+/// The right camera does not see this share of a disparity at least, since parts of a thing are farther away.
+const HIDDEN_SHARE: f64 = 0.8;
+
 /// Standard deviation of the difference between the disparities of a track and of a sighting of it, in px: the part of the errors
 /// that is the same in each frame is in neither filter nor sighting, and another part of the thing has another one.
 fn spread_px(track: &Track, region: &Region) -> f64 {
@@ -74,10 +77,16 @@ pub(super) fn is_within(part: (&Track, &[f64; 4]), whole: (&Track, &[f64; 4]), r
         && is_in_depth(whole.0, disparity_px, gate_px(whole.0, &part.0.region), rig)
 }
 
-/// The part of a box inside of a picture of `size` (width, height).
-pub(super) fn inside([left, top, right, bottom]: [f64; 4], (width, height): (u32, u32)) -> [f64; 4] {
+/// The part of a box of a thing with this disparity that both pictures of `size` (width, height) show: the right camera does not see the
+/// leftmost columns.
+pub(super) fn inside(
+    [left, top, right, bottom]: [f64; 4],
+    disparity_px: f64,
+    (width, height): (u32, u32),
+) -> [f64; 4] {
     let [width, height] = [width, height].map(f64::from);
-    [left.clamp(0.0, width), top.clamp(0.0, height), right.clamp(0.0, width), bottom.clamp(0.0, height)]
+    let first = (HIDDEN_SHARE * disparity_px).clamp(0.0, width);
+    [left.clamp(first, width), top.clamp(0.0, height), right.clamp(first, width), bottom.clamp(0.0, height)]
 }
 
 /// Intersection over union, or the weighted share of the smaller box that lies in the larger one, if that is

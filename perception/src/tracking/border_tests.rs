@@ -182,6 +182,31 @@ fn what_was_seen_together_with_the_background_becomes_narrower_as_it_comes_into_
     assert!((1.6..2.6).contains(&track.front_m()), "{} m", track.front_m());
 }
 
+/// The tracks of somebody half a metre wide who stands 6 m to the left, and sets off at 4 m/s as the border of the picture cuts them;
+/// once before that they are seen together with what is beside them. With each track, where they are.
+fn somebody_who_sets_off(seed: u64) -> Vec<(Track, f64)> {
+    let mut drive = Drive::new(seed);
+    let mut tracks = Vec::new();
+    for frame in 0..30 {
+        let distance_m = 30.0 - OWN_M_S * PERIOD_S * f64::from(frame);
+        let middle_m = -6.0 + 4.0 / OWN_M_S * (17.0 - distance_m).max(0.0);
+        let seen_m = if frame == 14 { [-8.0, -4.3] } else { [middle_m - 0.25, middle_m + 0.25] };
+        tracks.extend(drive.see(distance_m, seen_m).map(|track| (track, middle_m)));
+    }
+    tracks
+}
+
+#[test]
+fn who_was_seen_as_a_whole_keeps_the_width_at_the_border() {
+    for seed in 0..20 {
+        let tracks = somebody_who_sets_off(seed);
+        let last = tracks[tracks.len() - 1];
+        let widest_m = tracks.iter().skip(4).map(|(track, _)| track.front_m()).fold(0.0, f64::max);
+        assert!(widest_m < 1.0, "seed {seed}: {widest_m} m");
+        assert!((last.0.lateral_m() - last.1).abs() < 0.4, "seed {seed}: {} m", last.0.lateral_m() - last.1);
+    }
+}
+
 #[test]
 fn a_width_that_varied_before_the_border_cut_it_is_forgotten() {
     // Fragments of a thing near the border, then its front as it comes in.

@@ -11,6 +11,9 @@ use crate::rig::Rig;
 
 /// Smallest width and height of a thing, in metres: less than anything that is detected.
 const MIN_SIZE_M: f64 = 0.05;
+/// After this many sightings that the picture does not cut, a thing has been seen as a whole.
+const WHOLE_SIGHTINGS: u32 = 3;
+
 /// Extent of a thing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent {
@@ -27,6 +30,8 @@ pub struct Extent {
     rows_m: [f64; 2],
     /// Sightings so far: the first ones are averaged.
     sightings: u32,
+    /// Those of them that the picture does not cut.
+    whole_sightings: u32,
 }
 
 /// Which sides of a box the border of the picture cuts.
@@ -75,6 +80,7 @@ impl Extent {
             outline: region.outline,
             rows_m: rows_m(region, rig),
             sightings: 1,
+            whole_sightings: 0,
         };
         extent.limit();
         extent
@@ -95,7 +101,9 @@ impl Extent {
         let bounded = |new: f64, old: f64| new.clamp(old / MAX_RATIO, old * MAX_RATIO);
         let width_m = bounded(region.width_m, self.width_m);
         let wider_m = width_m - self.width_m;
-        if cut.any() && !(enters && wider_m < 0.0) {
+        let front_m = self.front_m();
+        let is_known = self.whole_sightings >= WHOLE_SIGHTINGS;
+        if cut.any() && !(enters && (wider_m < 0.0 || is_known)) {
             // What comes into view at the border is part of the thing. One that comes in and is narrower than before was
             // seen together with something else.
             self.width_m = self.width_m.max(region.width_m);
@@ -105,6 +113,13 @@ impl Extent {
         self.height_m += gain * (bounded(region.height_m, self.height_m) - self.height_m);
         for (smoothed, inset_m) in self.inset_m.iter_mut().zip(region.inset_m) {
             *smoothed += gain * (inset_m - *smoothed);
+        }
+        if is_known && cut.any() && !enters {
+            // Nothing more of it comes into view: what the box gains is behind it or beside it.
+            self.width_m = front_m + self.inset_m.iter().sum::<f64>();
+        }
+        if !cut.any() {
+            self.whole_sightings = self.whole_sightings.saturating_add(1);
         }
         // Of a side that is cut or hidden the end is not seen.
         for side in (0..2).filter(|&side| ![open.left, open.right][side]) {

@@ -251,7 +251,7 @@ impl Tracker {
             track.unseen_s += elapsed_s;
             track.detection = None;
             track.movement_before = track.movement;
-            self.bodies.push(association::inside(track.body(&self.rig), self.size));
+            self.bodies.push(track.body_in_view(&self.rig, self.size));
         }
     }
 
@@ -431,7 +431,7 @@ impl Tracker {
     /// distances contradict each other: each may be a chain of sightings of different things.
     fn join(&mut self) {
         for body in self.bodies.iter_mut().zip(&self.tracks) {
-            *body.0 = association::inside(body.1.body(&self.rig), self.size);
+            *body.0 = body.1.body_in_view(&self.rig, self.size);
         }
         for part in 0..self.tracks.len() {
             let (track, body) = (&self.tracks[part], &self.bodies[part]);

@@ -1,5 +1,6 @@
 //! One obstacle that is followed from frame to frame.
 
+use super::association;
 use super::boundary_part::BoundaryPart;
 use super::existence::Existence;
 use super::extent::{CutSides, Extent, clip};
@@ -194,6 +195,11 @@ impl Track {
     /// The whole box of the thing, also outside of the picture: left, top, right, bottom, in px.
     pub(super) fn body(&self, rig: &Rig) -> [f64; 4] {
         self.extent.edges(rig, self.lateral_m() - self.shift_m(), self.distance_m())
+    }
+
+    /// The part of it that both cameras see.
+    pub(super) fn body_in_view(&self, rig: &Rig, size: (u32, u32)) -> [f64; 4] {
+        association::inside(self.body(rig), self.filter.disparity_px(), size)
     }
 
     /// Sets the box in the picture; `false` if it is outside.

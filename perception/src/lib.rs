@@ -15,7 +15,7 @@
 //! - [`recognition`]: cascade classifier for obstacle regions.
 //! - [`tracking`]: regions to tracks with distance and closing speed.
 //! - [`alarm`]: tracks to an alarm level (section 4.3).
-//! - [`calibration`], [`rectify`], [`image_quality`], [`point_cloud`], [`excerpt`]: support. [`simd`]: vector kernels.
+//! - [`calibration`], [`rectify`], [`image_quality`], [`frozen_picture`], [`point_cloud`], [`excerpt`]: support. [`simd`]: vector kernels.
 //!
 //! [`scene`] has a runnable example.
 
@@ -26,6 +26,7 @@ pub mod detection;
 pub mod excerpt;
 pub mod frame_clock;
 pub mod free_space;
+pub mod frozen_picture;
 pub mod image;
 pub mod image_quality;
 pub mod motion;

@@ -21,6 +21,7 @@ use messages::typed::{Output, Written};
 use own_motion::OwnMotion;
 use perception::depth::DepthView;
 use perception::frame_clock::{FrameClock, TimeStep};
+use perception::frozen_picture::FrozenPicture;
 use perception::image::GreyView;
 use perception::image_quality::{TextureMonitor, road_texture};
 use perception::motion::body::Body;
@@ -54,6 +55,7 @@ pub struct RoadStage {
     own_motion: OwnMotion,
     body: Body,
     clock: FrameClock,
+    frozen: FrozenPicture,
     rig: Rig,
     range: Range,
     path_width_m: f64,
@@ -91,6 +93,7 @@ impl Stage for RoadStage {
             body: body(config),
             own_motion: OwnMotion::new(config.motion.odometry, format.rig(), (width, height)),
             clock: FrameClock::default(),
+            frozen: FrozenPicture::default(),
             rig: format.rig(),
             range: parameters::range(config, &format.rig()),
             path_width_m: config.alarm.path_width_m,
@@ -137,12 +140,14 @@ impl Stage for RoadStage {
         }
         let scene = self.detector.detect(depth_view);
         let verifier = scene.verifier;
+        // In a frozen picture everything is where it was: sightings there would stop what stands, and let it jump in the next picture.
+        let is_frozen = self.frozen.update(left, motion.as_ref());
         self.tracker.follow(&Frame {
             time_ns: frame.source_ns,
-            sightings: scene.regions,
+            sightings: if is_frozen { &[] } else { scene.regions },
             motion,
             points: self.own_motion.scene_points(),
-            could_detect: scene.road.is_some(),
+            could_detect: scene.road.is_some() && !is_frozen,
             verify: &|region| Some(verifier?.verify(region)?.evidence()),
             before_wall_m: &|points_m, height_m| scene.before_wall_m(points_m, height_m),
         });

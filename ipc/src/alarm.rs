@@ -68,6 +68,8 @@ impl Faults {
     pub const TIME: Self = Self(1 << 10);
     /// The images are no pair: swapped, the same, or with rows far apart.
     pub const PAIRING: Self = Self(1 << 11);
+    /// A camera shows the same picture again while the vehicle moves.
+    pub const FROZEN: Self = Self(1 << 12);
     /// All self-checks.
     pub const ALL: Self = Self((1 << DESCRIPTIONS.len()) - 1);
 
@@ -107,11 +109,12 @@ impl Faults {
 }
 
 /// Description of each self-check, in the order of display.
-const DESCRIPTIONS: [(Faults, &str); 12] = [
+const DESCRIPTIONS: [(Faults, &str); 13] = [
     (Faults::STAGE, "a stage is not running"),
     (Faults::STALE, "no result for too long"),
     (Faults::OLD, "the frame is too old"),
     (Faults::TIME, "the time of the source stands still, jumps, or steps by more than a second"),
+    (Faults::FROZEN, "a camera shows the same picture again and again"),
     (Faults::DARK, "the picture is too dark"),
     (Faults::BRIGHT, "the picture is too bright"),
     (Faults::BLOCKED, "the picture shows nothing: is a camera covered?"),

@@ -1,7 +1,8 @@
 //! A camera that shows the same picture again while the vehicle moves: such a picture tells of the time of the one before.
 //!
-//! Input: the left image of each frame and the own motion at its time. Output: whether the frame shows nothing new. Noise changes each
-//! picture of a camera that works; a camera, a driver or a network that hangs repeats one bit for bit.
+//! Input: the images of each frame, the own motion until then, the time since the frame before. Output: whether the frame shows nothing
+//! new, and whether that lasts. Noise changes each picture of a camera that works; a camera, a driver or a network that hangs repeats it.
+//! Every fourth row of both images is compared, bit for bit.
 
 use crate::image::GreyView;
 use crate::motion::Motion;
@@ -13,65 +14,125 @@ const ROW_STEP: usize = 4;
 const MOVING_SIGMAS: f64 = 3.0;
 /// … and above this, in m/s: more slowly, nothing moves by a pixel within a frame.
 const MIN_SPEED_M_S: f64 = 1.0;
+/// Time without a new picture after which nobody knows what is ahead, in seconds: half of that over which filters predict.
+const MAX_FROZEN_S: f64 = 0.5;
 
-/// Compares each picture with the one before.
+/// Compares the pictures of each camera with those before.
 #[derive(Clone, Debug, Default)]
 pub struct FrozenPicture {
-    /// Hash of the last picture.
-    last: Option<u64>,
+    /// Hashes of the last images.
+    last: Option<[u64; 2]>,
+    /// Time since the last new picture; `None` where this one is new.
+    since_s: Option<f64>,
 }
 
 impl FrozenPicture {
-    /// Whether this picture is the one before, although the vehicle moves. Without a known motion it is not: a single pair that is shown
-    /// again and again is a scene that stands.
-    pub fn update(&mut self, left: GreyView<'_>, motion: Option<&Motion>) -> bool {
-        let mut hasher = DefaultHasher::new();
-        (0..left.height()).step_by(ROW_STEP).for_each(|y| hasher.write(left.row(y)));
-        let hash = hasher.finish();
-        let is_repeated = self.last.replace(hash) == Some(hash);
+    /// Whether an image is the one before, although the vehicle moves: `motion` is what was known until then. It remains so until another
+    /// one comes. A single pair that is shown again and again from the start is a scene that stands.
+    pub fn update(&mut self, images: [GreyView<'_>; 2], motion: Option<&Motion>, elapsed_s: f64) -> bool {
+        let hashes = images.map(hash);
+        let is_repeated =
+            self.last.replace(hashes).is_some_and(|last| last[0] == hashes[0] || last[1] == hashes[1]);
         let moves = |m: &Motion| m.speed_m_s.abs() > MIN_SPEED_M_S.max(MOVING_SIGMAS * m.speed_sigma_m_s);
-        is_repeated && motion.is_some_and(moves)
+        let is_frozen = is_repeated && (self.since_s.is_some() || motion.is_some_and(moves));
+        self.since_s = is_frozen.then(|| self.since_s.unwrap_or(0.0) + elapsed_s);
+        is_frozen
     }
+
+    /// Whether there has been no new picture for so long that silence tells nothing.
+    pub fn lasts(&self) -> bool {
+        self.since_s.is_some_and(|since_s| since_s > MAX_FROZEN_S)
+    }
+}
+
+fn hash(image: GreyView<'_>) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    (0..image.height()).step_by(ROW_STEP).for_each(|y| hasher.write(image.row(y)));
+    hasher.finish()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    const SIZE: (usize, usize) = (64, 48);
+
     fn picture(seed: u8) -> Vec<u8> {
-        (0..64_u32 * 48).map(|i| (i * 7 % 251) as u8 ^ seed).collect()
+        (0..SIZE.0 * SIZE.1).map(|i| (i * 7 % 251) as u8 ^ seed).collect()
     }
 
     fn at(speed_m_s: f64) -> Motion {
         Motion { speed_m_s, speed_sigma_m_s: 0.1, ..Motion::default() }
     }
 
+    /// Pictures with these numbers, one each for the left and the right camera, with the motion until then: whether they are frozen.
+    fn frozen(frames: &[([u8; 2], Option<Motion>)]) -> Vec<bool> {
+        let mut state = FrozenPicture::default();
+        let mut update = |numbers: [u8; 2], motion: Option<Motion>| {
+            let [left, right] = numbers.map(picture);
+            let [left, right] =
+                [&left, &right].map(|data| GreyView::new(data, SIZE.0, SIZE.1, SIZE.0).expect("lengths fit"));
+            state.update([left, right], motion.as_ref(), 0.08)
+        };
+        frames.iter().map(|(numbers, motion)| update(*numbers, *motion)).collect()
+    }
+
     #[test]
-    fn the_picture_before_is_frozen_only_while_the_vehicle_moves() {
-        let (first, second) = (picture(0), picture(1));
-        let [a, b] = [&first, &second].map(|data| GreyView::new(data, 64, 48, 64).expect("lengths fit"));
-        let mut frozen = FrozenPicture::default();
-        for (view, motion, expected) in [
-            (a, Some(at(10.0)), false),
-            (b, Some(at(10.0)), false),
-            (b, Some(at(10.0)), true),
-            (b, Some(at(-10.0)), true),
-            (b, Some(at(0.05)), false),
-            (b, Some(Motion { speed_sigma_m_s: 5.0, ..at(10.0) }), false),
-            (b, None, false),
-            (a, Some(at(10.0)), false),
-        ] {
-            assert_eq!(frozen.update(view, motion.as_ref()), expected, "{motion:?}");
-        }
+    fn the_picture_before_is_frozen_if_the_vehicle_moves() {
+        let pair = [1, 2];
+        let seen = |motion| frozen(&[(pair, motion), (pair, motion)])[1];
+        assert!(seen(Some(at(10.0))) && seen(Some(at(-10.0))));
+        assert!(!seen(Some(at(0.9))) && !seen(None));
+        assert!(!seen(Some(Motion { speed_sigma_m_s: 5.0, ..at(10.0) })));
+    }
+
+    #[test]
+    fn one_camera_that_hangs_is_enough() {
+        let moves = Some(at(10.0));
+        assert_eq!(frozen(&[([1, 2], moves), ([3, 2], moves), ([4, 5], moves)]), [false, true, false]);
+        assert_eq!(frozen(&[([1, 2], moves), ([1, 3], moves), ([4, 5], moves)]), [false, true, false]);
+    }
+
+    #[test]
+    fn it_remains_frozen_until_another_one_comes() {
+        let pair = [1, 2];
+        let frames = [
+            (pair, Some(at(10.0))),
+            (pair, Some(at(10.0))),
+            (pair, None),
+            (pair, Some(at(0.0))),
+            ([3, 4], None),
+            ([3, 4], None),
+        ];
+        assert_eq!(frozen(&frames), [false, true, true, true, false, false]);
+    }
+
+    #[test]
+    fn it_lasts_after_half_a_second() {
+        let data = picture(0);
+        let view = GreyView::new(&data, SIZE.0, SIZE.1, SIZE.0).expect("lengths fit");
+        let mut state = FrozenPicture::default();
+        let lasts: Vec<bool> = (0..10)
+            .map(|_| {
+                state.update([view, view], Some(&at(10.0)), 0.08);
+                state.lasts()
+            })
+            .collect();
+        // The first one is new; the seventh after it is 0.56 s old.
+        assert_eq!(lasts.iter().position(|lasts| *lasts), Some(7));
+        let other = picture(1);
+        let view = GreyView::new(&other, SIZE.0, SIZE.1, SIZE.0).expect("lengths fit");
+        assert!(!state.update([view, view], Some(&at(10.0)), 0.08) && !state.lasts());
     }
 
     #[test]
     fn a_change_of_one_grey_level_in_a_compared_row_is_a_new_picture() {
         let (first, mut second) = (picture(0), picture(0));
-        second[8 * 64 + 5] ^= 1;
-        let [a, b] = [&first, &second].map(|data| GreyView::new(data, 64, 48, 64).expect("lengths fit"));
-        let mut frozen = FrozenPicture::default();
-        assert!(!frozen.update(a, Some(&at(10.0))));
-        assert!(!frozen.update(b, Some(&at(10.0))));
+        second[8 * SIZE.0 + 5] ^= 1;
+        let [a, b] =
+            [&first, &second].map(|data| GreyView::new(data, SIZE.0, SIZE.1, SIZE.0).expect("lengths fit"));
+        let mut state = FrozenPicture::default();
+        assert!(!state.update([a, a], Some(&at(10.0)), 0.08));
+        assert!(!state.update([b, b], Some(&at(10.0)), 0.08));
     }
 }

@@ -93,6 +93,9 @@ pub(crate) struct Footprint {
     pub face_m: [f64; 2],
 }
 
+/// Fewest columns that are cut off as a part of what was seen, in px: stixels are as wide, so fewer are an error of their side.
+const MIN_CUT_PX: u32 = 4;
+
 impl Region {
     /// Whether all numbers are such as a detection may have: finite, not extreme, sizes and standard deviation not
     /// negative, disparity above 0, and a box whose sides are numbers.
@@ -114,7 +117,8 @@ impl Region {
     pub(crate) fn set_sides(&mut self, (first, end): (u32, u32), rig: &Rig) {
         let mut seen = self.footprint();
         // What is cut off tells nothing of the outline.
-        let is_cut = [first > self.bounds.x, end < self.bounds.x + self.bounds.width];
+        let is_cut =
+            [first >= self.bounds.x + MIN_CUT_PX, end + MIN_CUT_PX <= self.bounds.x + self.bounds.width];
         (self.bounds.x, self.bounds.width) = (first, end - first);
         self.width_m = f64::from(self.bounds.width) * self.distance_m / rig.focal_px;
         self.lateral_m = rig.lateral_m(0.5 * f64::from(first + end), self.distance_m);

@@ -35,7 +35,7 @@ type Costs = [[f32; COLUMNS]; SURFACES];
 
 impl Verifier<'_> {
     /// First column of a region and the column after its last one, in px, within its box, as the images show them. A side that they do not
-    /// show, that runs away from the camera, or that the border of an image cuts, is that of the box.
+    /// show, that runs farther away from the camera than one that only seems to, or that the border of an image cuts, is that of the box.
     pub fn sides(&self, region: &Region) -> (u32, u32) {
         let b = &region.bounds;
         let (first, end) = (b.x as usize, (b.x + b.width) as usize);
@@ -44,10 +44,14 @@ impl Verifier<'_> {
         let hidden = region.disparity_px.ceil().max(0.0) as usize;
         let is_cut = [first < hidden + MARGIN_COLUMNS + BORDER, end + MARGIN_COLUMNS + BORDER > width];
         let rig = &self.road.rig;
-        let behind_px = region
-            .outline
-            .end_depth_m
-            .map(|depth_m| region.disparity_px - rig.disparity_px(region.distance_m + depth_m));
+        // Exactly 0 where the side does not run away.
+        let behind_px = region.outline.end_depth_m.map(|depth_m| {
+            if depth_m > 0.0 {
+                region.disparity_px - rig.disparity_px(region.distance_m + depth_m)
+            } else {
+                0.0
+            }
+        });
         let is_shown = |side: &usize| !is_cut[*side] && behind_px[*side] < MAX_BEHIND_PX;
         let count = ((end - first) / 2 + MARGIN_COLUMNS).min(COLUMNS);
         let step = (b.height as usize).div_ceil(MAX_ROWS).max(1);
@@ -79,7 +83,7 @@ impl Verifier<'_> {
             let beside = &mut beside[side][..counts[side]];
             beside.sort_unstable();
             let is_found = beside.len() >= MIN_ROWS && MIN_PART * beside.len() >= rows;
-            // The outer fifth of the rows is ignored, since mirrors or wheels may protrude.
+            // The outer two fifths of the rows are ignored, since mirrors or wheels may protrude, and the map draws some out.
             if is_found { beside[2 * beside.len() / 5] as u32 } else { 0 }
         });
         (b.x + left, b.x + b.width - right)
@@ -243,7 +247,7 @@ mod tests {
             assert!((84..=94).contains(&first), "{first}");
         }
         // The side of what is near is not examined: the map has it.
-        assert_eq!(first_of_side(&pair(92..170, 60), 2), BOX.x);
+        assert_eq!(first_of_side(&pair(92..170, 60), 3), BOX.x);
     }
 
     #[test]

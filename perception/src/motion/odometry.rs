@@ -250,6 +250,14 @@ impl Odometry {
         }
     }
 
+    /// Lets the time of a frame pass whose picture shows nothing new: what is measured next refers to the last one that did.
+    pub fn skip(&mut self, elapsed_s: f64) {
+        self.found.clear();
+        if !self.is_first {
+            self.since_s += elapsed_s;
+        }
+    }
+
     /// Predicted motion from the camera now to that before, at constant velocity.
     fn predicted(&self) -> Pose {
         let Some(v) = self.velocity else { return Pose::IDENTITY };

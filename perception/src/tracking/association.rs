@@ -13,9 +13,6 @@ use crate::outline::BODY_LENGTH_M;
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 
-/// The right camera does not see this share of a disparity at least, since parts of a thing are farther away.
-const HIDDEN_SHARE: f64 = 0.8;
-
 /// Standard deviation of the difference between the disparities of a track and of a sighting of it, in px: the part of the errors
 /// that is the same in each frame is in neither filter nor sighting, and another part of the thing has another one.
 fn spread_px(track: &Track, region: &Region) -> f64 {
@@ -77,16 +74,20 @@ pub(super) fn is_within(part: (&Track, &[f64; 4]), whole: (&Track, &[f64; 4]), r
         && is_in_depth(whole.0, disparity_px, gate_px(whole.0, &part.0.region), rig)
 }
 
-/// The part of a box of a thing with this disparity that both pictures of `size` (width, height) show: the right camera does not see the
-/// leftmost columns.
-pub(super) fn inside(
+/// The part of a box of a thing at this distance that both pictures of `size` (width, height) show: the right camera does not see as many
+/// of the leftmost columns as the disparity of what is farthest back in it.
+pub(super) fn in_view(
     [left, top, right, bottom]: [f64; 4],
-    disparity_px: f64,
+    distance_m: f64,
     (width, height): (u32, u32),
+    rig: &Rig,
 ) -> [f64; 4] {
     let [width, height] = [width, height].map(f64::from);
-    let first = (HIDDEN_SHARE * disparity_px).clamp(0.0, width);
-    [left.clamp(first, width), top.clamp(0.0, height), right.clamp(first, width), bottom.clamp(0.0, height)]
+    // No `clamp`, which panics where a bound is no number.
+    let first = rig.disparity_px(distance_m + BODY_LENGTH_M).max(0.0).min(width);
+    let columns = [left, right].map(|x| x.max(first).min(width));
+    let rows = [top, bottom].map(|y| y.max(0.0).min(height));
+    [columns[0], rows[0], columns[1], rows[1]]
 }
 
 /// Intersection over union, or the weighted share of the smaller box that lies in the larger one, if that is

@@ -2,7 +2,7 @@
 //!
 //! A sighting may be a part of the thing, or the thing and what stands behind it: its box jumps. The box of a track is that of
 //! the thing: its sides are filtered in metres at the near side, and clipped where the picture ends. A side that the border of
-//! the picture cuts is not seen; the thing is then at least as wide as before.
+//! the picture cuts is not seen; the thing is then at least as wide as before, or as wide if it was seen as a whole.
 
 use super::parameters::{BORDER_PX, EXTENT_TIME_S, MAX_RATIO};
 use crate::outline::Outline;
@@ -11,7 +11,7 @@ use crate::rig::Rig;
 
 /// Smallest width and height of a thing, in metres: less than anything that is detected.
 const MIN_SIZE_M: f64 = 0.05;
-/// After this many sightings that the picture does not cut, a thing has been seen as a whole.
+/// After this many sightings of both of its sides, a thing has been seen as a whole; the first one of a track does not count.
 const WHOLE_SIGHTINGS: u32 = 3;
 
 /// Extent of a thing.
@@ -30,7 +30,7 @@ pub struct Extent {
     rows_m: [f64; 2],
     /// Sightings so far: the first ones are averaged.
     sightings: u32,
-    /// Those of them that the picture does not cut.
+    /// Those of them that show both sides.
     whole_sightings: u32,
 }
 
@@ -105,7 +105,7 @@ impl Extent {
         let is_known = self.whole_sightings >= WHOLE_SIGHTINGS;
         if cut.any() && !(enters && (wider_m < 0.0 || is_known)) {
             // What comes into view at the border is part of the thing. One that comes in and is narrower than before was
-            // seen together with something else.
+            // seen together with something else; and what was seen as a whole does not come in at a jump.
             self.width_m = self.width_m.max(region.width_m);
         } else {
             self.width_m += gain * wider_m;
@@ -118,7 +118,7 @@ impl Extent {
             // Nothing more of it comes into view: what the box gains is behind it or beside it.
             self.width_m = front_m + self.inset_m.iter().sum::<f64>();
         }
-        if !cut.any() {
+        if !open.any() {
             self.whole_sightings = self.whole_sightings.saturating_add(1);
         }
         // Of a side that is cut or hidden the end is not seen.

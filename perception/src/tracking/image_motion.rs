@@ -105,6 +105,8 @@ struct ImageShift {
 struct ImageMotion {
     scale: Option<ImageScale>,
     shift: Option<ImageShift>,
+    /// Whether the image was found in the frame before, too, so that its shift is that of the thing.
+    is_followed: bool,
     /// Whether the image was stored for comparison with later ones.
     is_stored: bool,
 }
@@ -240,13 +242,14 @@ impl ImageMotionMeter {
                 let unlike = SCALE_UNLIKENESS * (1.0 - found.likeness);
                 ImageScale { scale: found.pose.scale, sigma: noise_sigma.hypot(unlike), noise_sigma }
             }),
-            shift: found.filter(|_| is_followed).map(|found| ImageShift {
+            shift: found.map(|found| ImageShift {
                 columns_px: [template.column_px, found.pose.x],
                 sigma_px: found.column_sigma_px.max(MIN_COLUMN_SIGMA_PX),
                 elapsed_s: elapsed_ns as f64 * 1e-9,
                 yaw_rad: view.heading_rad - template.heading_rad,
                 unlikeness_m: ACROSS_UNLIKENESS_M * (1.0 - found.likeness),
             }),
+            is_followed,
             is_stored: false,
         };
         match found {
@@ -317,10 +320,11 @@ impl Tracker {
             };
             let motion = meter.measure(&view, |column| self.expected_columns(track, column));
             let bearing = motion.shift.map(|shift| self.bearing_change(track, &shift));
-            self.tracks[i as usize].is_followed = bearing.is_some();
+            let followed = bearing.filter(|_| motion.is_followed);
+            self.tracks[i as usize].is_followed = followed.is_some();
             let filter = &mut self.tracks[i as usize].filter;
-            if let Some(change) = bearing {
-                filter.measure_bearing_change(&change);
+            if let Some(change) = &followed {
+                filter.measure_bearing_change(change);
             }
             if let Some(ImageScale { scale, sigma, .. }) = motion.scale {
                 // What is behind the near side, but for a part of the image, moves against it as the bearing changes: the image becomes
@@ -332,7 +336,10 @@ impl Tracker {
             }
             if motion.is_stored {
                 // Of a first image as much is assumed as of the clearest.
-                let column_sigma_px = motion.shift.map_or(MIN_COLUMN_SIGMA_PX, |shift| shift.sigma_px);
+                let column_sigma_px = motion
+                    .shift
+                    .filter(|_| motion.is_followed)
+                    .map_or(MIN_COLUMN_SIGMA_PX, |shift| shift.sigma_px);
                 let across_sigma_m = column_sigma_px / self.rig.focal_px * filter.distance_m();
                 let scale_sigma = motion.scale.map_or(MIN_SCALE_SIGMA, |image| image.noise_sigma);
                 filter.store_place(scale_sigma, across_sigma_m.hypot(ACROSS_SIGMA_M));

@@ -204,20 +204,8 @@ impl Tracker {
     /// Updates the tracks with a frame; returns all tracks, oldest first. A gap or a step back in time ends all tracks first;
     /// a repeated time changes nothing.
     pub fn follow(&mut self, frame: &Frame<'_>) -> &[Track] {
-        let step = self.clock.step(frame.time_ns);
-        if step == TimeStep::Repeated {
-            return &self.tracks;
-        }
-        if step.is_discontinuity() {
-            self.tracks.clear();
-            self.rate = DetectionRate::default();
-            self.passing.clear();
-        }
-        let elapsed_s = step.elapsed_s();
-        self.elapsed_ns = (elapsed_s * 1e9).round() as u64;
+        let Some(elapsed_s) = self.advance(frame.time_ns, frame.motion) else { return &self.tracks };
         let sightings = &frame.sightings[..frame.sightings.len().min(MAX_SIGHTINGS)];
-        self.predict(elapsed_s, frame.motion);
-        self.passing.advance(self.own_step.as_ref(), elapsed_s);
         self.rate.age(elapsed_s);
         self.assign(sightings);
         self.take_in(frame, sightings, elapsed_s);
@@ -230,6 +218,34 @@ impl Tracker {
         self.passing.remember(&self.tracks, &self.body);
         self.begin(frame, sightings);
         &self.tracks
+    }
+
+    /// Predicts the tracks to a frame that shows nothing new ([`crate::frozen_picture`]): nothing is found in it, and nothing is missed.
+    pub fn coast(&mut self, time_ns: u64, motion: Option<Motion>) -> &[Track] {
+        if self.advance(time_ns, motion).is_some() {
+            self.numbers.clear();
+            self.judge();
+            self.drop_implausible();
+        }
+        &self.tracks
+    }
+
+    /// Predicts everything to the time of a frame; returns the time since the frame before, in seconds, or `None` if it is the same time.
+    fn advance(&mut self, time_ns: u64, motion: Option<Motion>) -> Option<f64> {
+        let step = self.clock.step(time_ns);
+        if step == TimeStep::Repeated {
+            return None;
+        }
+        if step.is_discontinuity() {
+            self.tracks.clear();
+            self.rate = DetectionRate::default();
+            self.passing.clear();
+        }
+        let elapsed_s = step.elapsed_s();
+        self.elapsed_ns = (elapsed_s * 1e9).round() as u64;
+        self.predict(elapsed_s, motion);
+        self.passing.advance(self.own_step.as_ref(), elapsed_s);
+        Some(elapsed_s)
     }
 
     /// Predicts all tracks to this frame, over ground if the own motion is known.
@@ -403,10 +419,11 @@ impl Tracker {
             distance_m: track.distance_m(),
             disparity_px: track.filter.disparity_px(),
         };
-        let others = self.tracks.iter().zip(&self.bodies).filter(|(other, _)| {
-            other.is_confirmed && other.missed == 0 && other.distance_m() < thing.distance_m
-        });
-        visible_share(&thing, others.map(|(_, body)| *body), &self.parameters, self.size)
+        let others = self
+            .tracks
+            .iter()
+            .filter(|other| other.is_confirmed && other.missed == 0 && other.distance_m() < thing.distance_m);
+        visible_share(&thing, others.map(|other| other.body(&self.rig)), &self.parameters, self.size)
     }
 
     /// The region of track `t` as it is expected in the picture; `None` if it is not completely inside.

@@ -199,7 +199,7 @@ impl Track {
 
     /// The part of it that both cameras see.
     pub(super) fn body_in_view(&self, rig: &Rig, size: (u32, u32)) -> [f64; 4] {
-        association::inside(self.body(rig), self.filter.disparity_px(), size)
+        association::in_view(self.body(rig), self.distance_m(), size, rig)
     }
 
     /// Sets the box in the picture; `false` if it is outside.

@@ -56,6 +56,8 @@ pub struct RoadStage {
     body: Body,
     clock: FrameClock,
     frozen: FrozenPicture,
+    /// Time since the last new picture, in seconds.
+    frozen_s: f64,
     rig: Rig,
     range: Range,
     path_width_m: f64,
@@ -94,6 +96,7 @@ impl Stage for RoadStage {
             own_motion: OwnMotion::new(config.motion.odometry, format.rig(), (width, height)),
             clock: FrameClock::default(),
             frozen: FrozenPicture::default(),
+            frozen_s: 0.0,
             rig: format.rig(),
             range: parameters::range(config, &format.rig()),
             path_width_m: config.alarm.path_width_m,
@@ -121,7 +124,10 @@ impl Stage for RoadStage {
                 needed: self.width * self.height,
             })?;
         let step = self.clock.step(frame.source_ns);
-        let motion = self.own_motion.update(frame, step, left, disparity);
+        let is_frozen =
+            self.frozen.update([left, right], self.own_motion.motion().as_ref(), step.elapsed_s());
+        let is_frozen = is_frozen && !step.is_discontinuity();
+        let motion = self.own_motion.update(frame, step, (!is_frozen).then_some((left, disparity)));
         let sequence = frame.sequence as u32;
         if step.is_discontinuity() {
             self.detector.reset();
@@ -129,9 +135,12 @@ impl Stage for RoadStage {
             self.tracks_since = Some(sequence);
         }
         let tracks_since = *self.tracks_since.get_or_insert(sequence);
-        let moved = motion.map(|motion| PlanarStep::of(&motion, &self.body, step.elapsed_s()));
-        self.detector.set_own_motion(moved.filter(|_| step.elapsed_s() > 0.0));
-        self.detector.set_elapsed_s(step.elapsed_s());
+        // A frozen picture is of the time of the one before; the next new one, of all the time since then.
+        self.frozen_s = if step.is_discontinuity() { 0.0 } else { self.frozen_s + step.elapsed_s() };
+        let elapsed_s = if is_frozen { 0.0 } else { std::mem::take(&mut self.frozen_s) };
+        let moved = motion.map(|motion| PlanarStep::of(&motion, &self.body, elapsed_s));
+        self.detector.set_own_motion(moved.filter(|_| elapsed_s > 0.0 || is_frozen));
+        self.detector.set_elapsed_s(elapsed_s);
         // While the speed is unknown the range stays.
         if let Some(motion) = motion {
             let range_m = self.range.at_m(motion.speed_m_s);
@@ -141,17 +150,21 @@ impl Stage for RoadStage {
         let scene = self.detector.detect(depth_view);
         let verifier = scene.verifier;
         // In a frozen picture everything is where it was: sightings there would stop what stands, and let it jump in the next picture.
-        let is_frozen = self.frozen.update(left, motion.as_ref());
-        self.tracker.follow(&Frame {
-            time_ns: frame.source_ns,
-            sightings: if is_frozen { &[] } else { scene.regions },
-            motion,
-            points: self.own_motion.scene_points(),
-            could_detect: scene.road.is_some() && !is_frozen,
-            verify: &|region| Some(verifier?.verify(region)?.evidence()),
-            before_wall_m: &|points_m, height_m| scene.before_wall_m(points_m, height_m),
-        });
-        if step != TimeStep::Repeated {
+        let regions = if is_frozen { &[] } else { scene.regions };
+        if is_frozen {
+            self.tracker.coast(frame.source_ns, motion);
+        } else {
+            self.tracker.follow(&Frame {
+                time_ns: frame.source_ns,
+                sightings: regions,
+                motion,
+                points: self.own_motion.scene_points(),
+                could_detect: scene.road.is_some(),
+                verify: &|region| Some(verifier?.verify(region)?.evidence()),
+                before_wall_m: &|points_m, height_m| scene.before_wall_m(points_m, height_m),
+            });
+        }
+        if step != TimeStep::Repeated && !is_frozen {
             let size = (self.width as u32, self.height as u32);
             let crop = |track: &Track| {
                 let [x, y, width, height] = crop_box(track.bounds, size);
@@ -180,9 +193,9 @@ impl Stage for RoadStage {
         });
         let road = RoadRecord { tracks_since, ..road };
         let tracks = self.tracker.tracks().iter().filter(|track| !track.is_part_of_boundary());
-        let counts = Counts { regions: scene.regions.len(), tracks: tracks.clone().count() };
+        let counts = Counts { regions: regions.len(), tracks: tracks.clone().count() };
         let mut writer = output.begin(road, scene.profile_px, counts)?;
-        for (i, region) in scene.regions.iter().enumerate() {
+        for (i, region) in regions.iter().enumerate() {
             writer.push_region(&record(region, self.tracker.track_of(i)));
         }
         for track in tracks {
@@ -202,7 +215,8 @@ impl Stage for RoadStage {
     }
 
     fn faults(&self) -> Faults {
-        Faults::SPARSE.when(self.is_sparse)
+        let is_checked = self.texture.is_some();
+        Faults::SPARSE.when(self.is_sparse).and(Faults::FROZEN.when(is_checked && self.frozen.lasts()))
     }
 }
 

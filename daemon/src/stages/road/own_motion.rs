@@ -43,14 +43,18 @@ impl OwnMotion {
         }
     }
 
-    /// Estimates the motion at the time of a frame; returns it, if it is known. A gap or a step back in time starts anew;
-    /// a repeated time changes nothing.
+    /// The motion at the time of the last frame; `None` if it is unknown.
+    pub fn motion(&self) -> Option<Motion> {
+        self.motion
+    }
+
+    /// Estimates the motion at the time of a frame from its left image and disparities, `None` if they show nothing new; returns it, if it
+    /// is known. A gap or a step back in time starts anew; a repeated time changes nothing.
     pub fn update(
         &mut self,
         frame: &FrameContext,
         step: TimeStep,
-        left: GreyView<'_>,
-        disparity: DisparityView<'_>,
+        picture: Option<(GreyView<'_>, DisparityView<'_>)>,
     ) -> Option<Motion> {
         if step == TimeStep::Repeated {
             return self.motion;
@@ -64,7 +68,14 @@ impl OwnMotion {
             }
         }
         let elapsed_s = step.elapsed_s();
-        let result = self.odometry.as_mut().map(|odometry| odometry.update(left, disparity, elapsed_s));
+        let result = match (self.odometry.as_mut(), picture) {
+            (Some(odometry), Some((left, disparity))) => Some(odometry.update(left, disparity, elapsed_s)),
+            (Some(odometry), None) => {
+                odometry.skip(elapsed_s);
+                None
+            }
+            (None, _) => None,
+        };
         let estimate = match &result {
             Some(OdometryResult::Known(estimate)) => Some(estimate),
             _ => None,

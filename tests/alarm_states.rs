@@ -80,3 +80,27 @@ fn the_summary_says_why_the_alarm_was_off() {
     assert!(dark["seconds"].as_f64() > Some(0.2), "{summary}");
     assert!(told.contains("frames (") && told.contains("the picture is too dark"), "{told}");
 }
+
+#[test]
+fn a_camera_that_hangs_turns_the_alarm_off() {
+    let bench = Bench::new();
+    let recording = bench.record("drive", 40);
+    // The left camera shows frame 14 until frame 29.
+    let left = bench.path("drive").join("left");
+    for i in 15..30 {
+        std::fs::copy(left.join("000014.png"), left.join(format!("{i:06}.png"))).unwrap();
+    }
+    bench.ok(&["replay", &recording, "--lockstep", "--out", "out"]);
+    let all = lines(&bench.path("out"));
+    let is_told = |line: &Value| line["alarm"]["reason"].as_str().unwrap().contains("the same picture again");
+    let told: Vec<usize> = (0..all.len()).filter(|&i| is_told(&all[i])).collect();
+    // Half a second after the last new picture, and until the next one.
+    assert_eq!(told, (20..30).collect::<Vec<_>>());
+    assert!(told.iter().all(|&i| all[i]["alarm"]["level"] == "off"));
+    assert_ne!(all[36]["alarm"]["level"], "off", "{}", all[36]["alarm"]);
+    // Until then what is ahead is predicted.
+    let ahead =
+        |i: usize| all[i]["obstacles"].as_array().unwrap().iter().find(|o| o["in_path"] == true).cloned();
+    let (before, coasting) = (ahead(14).expect("the car ahead"), ahead(17).expect("it is predicted"));
+    assert_eq!((&before["track"], &coasting["predicted"]), (&coasting["track"], &Value::Bool(true)));
+}

@@ -309,6 +309,10 @@ mod tests {
         assert!(is_near(region.ends_m(), [1.0, 2.0]), "{region:?}");
         assert_eq!(region.outline.end_depth_m, [0.0; 2]);
         assert!(is_near(region.outline.face_inset_m, [0.0, 0.8]), "{region:?}");
+        // A few columns are an error of the side.
+        let mut region = seen([740, 940], what);
+        region.set_sides((740, 940 - MIN_CUT_PX + 1), &RIG);
+        assert_eq!(region.outline.end_depth_m, [0.0, 4.0]);
         // What the box gains beside it changes nothing.
         let mut region = seen([740, 940], what);
         region.set_sides((640, 1040), &RIG);

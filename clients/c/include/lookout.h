@@ -58,6 +58,7 @@ extern "C" {
 #define LOOKOUT_FAULT_STALE 512 /* There has been no result for longer than pacing.stale_ms. */
 #define LOOKOUT_FAULT_TIME 1024 /* The time of the source stands still or jumps too often. */
 #define LOOKOUT_FAULT_PAIRING 2048 /* The images are no pair: swapped, the same, or with rows far apart. */
+#define LOOKOUT_FAULT_FROZEN 4096 /* A camera shows the same picture again while the vehicle moves. */
 
 /* Whether an obstacle moves over ground. */
 #define LOOKOUT_MOVING_UNKNOWN 0 /* unknown. */
@@ -163,7 +164,7 @@ typedef struct lookout_alarm {
     uint32_t rule;
     /* The track that caused it, from 1; 0 = none. */
     uint32_t track;
-    /* Self-checks that failed: bits of LOOKOUT_FAULT_…; not 0 while the level is off. Range: 0 to 4095. */
+    /* Self-checks that failed: bits of LOOKOUT_FAULT_…; not 0 while the level is off. Range: 0 to 8191. */
     uint32_t faults;
     /* 1 if the level differs from that of the previous frame, else 0. Range: 0 to 1. */
     uint32_t changed;

@@ -32,6 +32,7 @@ __all__ = [
     "FAULT_STALE",
     "FAULT_TIME",
     "FAULT_PAIRING",
+    "FAULT_FROZEN",
     "MOVING_UNKNOWN",
     "MOVING_STANDING",
     "MOVING_MOVING",
@@ -104,6 +105,7 @@ FAULT_STAGE = 256
 FAULT_STALE = 512
 FAULT_TIME = 1024
 FAULT_PAIRING = 2048
+FAULT_FROZEN = 4096
 
 # Whether an obstacle moves over ground.
 MOVING_UNKNOWN = 0

@@ -367,3 +367,57 @@ fn parts_of_walls_are_told_from_who_stands_before_them() {
     let seen: Vec<_> = (24..40).map(|frame| see(frame, &[case(0.9)])).collect();
     assert!(seen.last().is_some_and(|(told, _)| told.contains(&2.8)), "{seen:?}");
 }
+
+/// How many frames in a row a car has been seen after two seconds in which every second picture is the one before.
+fn seen_in_a_row(coasts: bool) -> u32 {
+    let mut tracker = tracker();
+    for frame in 0..50_u32 {
+        let time_ns = u64::from(frame) * 40_000_000;
+        if frame % 2 == 0 {
+            tracker.update(time_ns, &[car(40.0 - 0.4 * f64::from(frame))]);
+        } else if coasts {
+            tracker.coast(time_ns, None);
+        } else {
+            tracker.update(time_ns, &[]);
+        }
+    }
+    tracker.confirmed().map(|track| track.consecutive_frames).max().unwrap_or(0)
+}
+
+#[test]
+fn a_picture_that_shows_nothing_new_ends_no_row_of_sightings() {
+    assert!(seen_in_a_row(true) >= 20, "{}", seen_in_a_row(true));
+    assert!(seen_in_a_row(false) <= 1);
+}
+
+#[test]
+fn tracks_coast_through_frozen_pictures_until_they_are_too_old() {
+    let mut tracker = tracker();
+    let distance_m = |frame: u32| 40.0 - 0.8 * f64::from(frame);
+    let time_ns = |frame: u32| u64::from(frame) * 80_000_000;
+    for frame in 0..20 {
+        tracker.update(time_ns(frame), &[car(distance_m(frame))]);
+    }
+    for frame in 20..26 {
+        let tracks = tracker.coast(time_ns(frame), None);
+        assert!((tracks[0].distance_m() - distance_m(frame)).abs() < 0.5, "{}", tracks[0].distance_m());
+    }
+    // The next new picture shows it where it is expected, and its speed stays.
+    let before_m_s = tracker.tracks()[0].closing_m_s();
+    let tracks = tracker.update(time_ns(26), &[car(distance_m(26))]);
+    assert!((tracks[0].closing_m_s() - before_m_s).abs() < 1.0 && tracks.len() == 1);
+    // Who is not seen for long ends.
+    let last = (27..60).map(|frame| tracker.coast(time_ns(frame), None).len()).last();
+    assert_eq!(last, Some(0));
+}
+
+#[test]
+fn of_a_thing_at_the_left_border_the_right_camera_misses_what_it_cannot_see() {
+    let seen =
+        |distance_m: f64| association::in_view([-50.0, 100.0, 200.0, 600.0], distance_m, (640, 480), &RIG);
+    // 4.5 m behind a near side at 5.5 m the disparity is 10.5 px.
+    let [left, top, right, bottom] = seen(5.5);
+    assert!((left - 10.548).abs() < 1e-3 && [top, right, bottom] == [100.0, 200.0, 480.0]);
+    assert!(seen(1e6)[0] < 1e-3);
+    assert_eq!(seen(f64::NAN)[0], 0.0);
+}

@@ -126,7 +126,7 @@ signals! {
         DaemonState: 18 | 3, Coding::State(DAEMON_STATES), |s| s.daemon.map(f64::from);
         /// Whether the road was seen.
         RoadSeen: 21 | 2, YES_NO, |s| s.is_road_seen.and_then(yes);
-        /// A self-check failed that has no bit of its own.
+        /// A self-check failed that has no bit of its own, such as a camera that shows the same picture again.
         FaultOther: 23 | 1, Coding::Bit, |s| yes(s.faults >> FAULTS.len() != 0);
         /// No road was detected.
         FaultNoRoad: 24 | 1, Coding::Bit, |s| fault(s, 0);

@@ -74,22 +74,6 @@ pub(super) fn is_within(part: (&Track, &[f64; 4]), whole: (&Track, &[f64; 4]), r
         && is_in_depth(whole.0, disparity_px, gate_px(whole.0, &part.0.region), rig)
 }
 
-/// The part of a box of a thing at this distance that both pictures of `size` (width, height) show: the right camera does not see as many
-/// of the leftmost columns as the disparity of what is farthest back in it.
-pub(super) fn in_view(
-    [left, top, right, bottom]: [f64; 4],
-    distance_m: f64,
-    (width, height): (u32, u32),
-    rig: &Rig,
-) -> [f64; 4] {
-    let [width, height] = [width, height].map(f64::from);
-    // No `clamp`, which panics where a bound is no number.
-    let first = rig.disparity_px(distance_m + BODY_LENGTH_M).max(0.0).min(width);
-    let columns = [left, right].map(|x| x.max(first).min(width));
-    let rows = [top, bottom].map(|y| y.max(0.0).min(height));
-    [columns[0], rows[0], columns[1], rows[1]]
-}
-
 /// Intersection over union, or the weighted share of the smaller box that lies in the larger one, if that is
 /// greater.
 fn overlap(expected: &[f64; 4], bounds: &PixelBox) -> f64 {

@@ -5,7 +5,7 @@
 //! the picture cuts is not seen; the thing is then at least as wide as before, or as wide if it was seen as a whole.
 
 use super::parameters::{BORDER_PX, EXTENT_TIME_S, MAX_RATIO};
-use crate::outline::Outline;
+use crate::outline::{BODY_LENGTH_M, Outline};
 use crate::region::{PixelBox, Region};
 use crate::rig::Rig;
 
@@ -205,4 +205,20 @@ pub fn contained_share(inner: &[f64; 4], outer: &[f64; 4]) -> f64 {
 pub fn edges_of(bounds: &PixelBox) -> [f64; 4] {
     let [x, y, width, height] = [bounds.x, bounds.y, bounds.width, bounds.height].map(f64::from);
     [x, y, x + width, y + height]
+}
+
+/// The part of a box of a thing at this distance that both pictures of `size` (width, height) show: the right camera does not see as many
+/// of the leftmost columns as the disparity of what is farthest back in it.
+pub(super) fn in_view(
+    [left, top, right, bottom]: [f64; 4],
+    distance_m: f64,
+    (width, height): (u32, u32),
+    rig: &Rig,
+) -> [f64; 4] {
+    let [width, height] = [width, height].map(f64::from);
+    // No `clamp`, which panics where a bound is no number.
+    let first = rig.disparity_px(distance_m + BODY_LENGTH_M).max(0.0).min(width);
+    let columns = [left, right].map(|x| x.max(first).min(width));
+    let rows = [top, bottom].map(|y| y.max(0.0).min(height));
+    [columns[0], rows[0], columns[1], rows[1]]
 }

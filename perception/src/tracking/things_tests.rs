@@ -413,8 +413,7 @@ fn tracks_coast_through_frozen_pictures_until_they_are_too_old() {
 
 #[test]
 fn of_a_thing_at_the_left_border_the_right_camera_misses_what_it_cannot_see() {
-    let seen =
-        |distance_m: f64| association::in_view([-50.0, 100.0, 200.0, 600.0], distance_m, (640, 480), &RIG);
+    let seen = |distance_m: f64| extent::in_view([-50.0, 100.0, 200.0, 600.0], distance_m, (640, 480), &RIG);
     // 4.5 m behind a near side at 5.5 m the disparity is 10.5 px.
     let [left, top, right, bottom] = seen(5.5);
     assert!((left - 10.548).abs() < 1e-3 && [top, right, bottom] == [100.0, 200.0, 480.0]);

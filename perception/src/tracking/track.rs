@@ -1,9 +1,8 @@
 //! One obstacle that is followed from frame to frame.
 
-use super::association;
 use super::boundary_part::BoundaryPart;
 use super::existence::Existence;
-use super::extent::{CutSides, Extent, clip};
+use super::extent::{CutSides, Extent, clip, in_view};
 use super::filter::ground::{GroundMotion, Movement};
 use super::filter::{Estimate, TimeToCollision, TrackFilter};
 use super::parameters::{
@@ -199,7 +198,7 @@ impl Track {
 
     /// The part of it that both cameras see.
     pub(super) fn body_in_view(&self, rig: &Rig, size: (u32, u32)) -> [f64; 4] {
-        association::in_view(self.body(rig), self.distance_m(), size, rig)
+        in_view(self.body(rig), self.distance_m(), size, rig)
     }
 
     /// Sets the box in the picture; `false` if it is outside.

@@ -83,8 +83,8 @@ impl Verifier<'_> {
             let beside = &mut beside[side][..counts[side]];
             beside.sort_unstable();
             let is_found = beside.len() >= MIN_ROWS && MIN_PART * beside.len() >= rows;
-            // The outer two fifths of the rows are ignored, since mirrors or wheels may protrude, and the map draws some out.
-            if is_found { beside[2 * beside.len() / 5] as u32 } else { 0 }
+            // The outer fifth of the rows is ignored, since mirrors or wheels may protrude.
+            if is_found { beside[beside.len() / 5] as u32 } else { 0 }
         });
         (b.x + left, b.x + b.width - right)
     }

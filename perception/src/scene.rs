@@ -45,7 +45,7 @@ use crate::detection::stixel_use::StixelUse;
 use crate::detection::stixels::Stixels;
 use crate::detection::{ObstacleDetector, RegionParameters};
 use crate::free_space::FreeSpaceFinder;
-use crate::free_space::boundary::{Boundary, Side};
+use crate::free_space::boundary::{BeforeWall, Boundary, Side};
 use crate::free_space::corridor::Corridor;
 use crate::free_space::limits::{LOW_HEIGHT_M, MAX_BEHIND_M, TOP_STEP_M};
 use crate::free_space::road_view::RoadView;
@@ -104,28 +104,39 @@ pub struct Scene<'a> {
 }
 
 impl Scene<'_> {
-    /// By how much a thing of this height, with this outline on the ground in metres right and ahead, stands before the wall beside the
-    /// path of which it may be a part, in metres. `None` where there is none that is higher than vehicles and people and goes on
-    /// behind all of the thing, where the thing ends below its top, behind it, and in the own path.
-    pub fn before_wall_m(&self, outline_m: &[Planar], height_m: f64) -> Option<f64> {
+    /// How a thing of this height, with this outline on the ground in metres right and ahead, stands before the wall beside the
+    /// path of which it may be a part, or before one that leads obliquely across it. `None` where there is none that is higher than
+    /// vehicles and people and goes on behind all of the thing, where the thing ends below its top, and behind it.
+    pub fn before_wall(&self, outline_m: &[Planar], height_m: f64) -> Option<BeforeWall> {
         let is_in_path = |pair: &[Planar]| {
             let between = |share: f64| [0, 1].map(|i| pair[0][i] + share * (pair[1][i] - pair[0][i]));
             (0..=PATH_STEPS).any(|k| self.corridor.contains(between(f64::from(k) / f64::from(PATH_STEPS))))
         };
-        if height_m < LOW_HEIGHT_M || outline_m.windows(2).any(is_in_path) {
+        if height_m < LOW_HEIGHT_M {
             return None;
         }
-        let beside = self.boundaries.iter().filter(|boundary| boundary.side != Side::Across);
-        let most = beside.filter_map(|boundary| {
-            let nothing = [f64::NEG_INFINITY, 0.0];
-            let [before_m, wall_m] = outline_m.iter().try_fold(nothing, |most, place| {
-                let meeting = boundary.before_m(*place)?;
-                Some(if meeting[0] > most[0] { meeting } else { most })
-            })?;
+        let is_in_path = outline_m.windows(2).any(is_in_path);
+        let walls = self.boundaries.iter().filter_map(|boundary| {
+            let is_across = boundary.side == Side::Across;
+            let first = boundary.before_m(*outline_m.first()?)?;
+            let [nearest, farthest] =
+                outline_m.iter().try_fold([first; 2], |[nearest, farthest], place| {
+                    let here = boundary.before_m(*place)?;
+                    Some([
+                        if here.0 < nearest.0 { here } else { nearest },
+                        if here.0 > farthest.0 { here } else { farthest },
+                    ])
+                })?;
+            let wall_m = farthest.1.height_m;
             let is_as_high = wall_m >= LOW_HEIGHT_M && height_m >= wall_m - TOP_STEP_M;
-            (is_as_high && before_m >= -MAX_BEHIND_M).then_some(before_m)
+            let goes_on = !is_across || nearest.1.is_oblique;
+            (is_as_high && goes_on && farthest.0 >= -MAX_BEHIND_M).then_some(BeforeWall {
+                reach_m: farthest.0,
+                nearest_m: nearest.0,
+                is_in_path: is_in_path || is_across,
+            })
         });
-        most.reduce(f64::min)
+        walls.min_by(|a, b| a.reach_m.total_cmp(&b.reach_m))
     }
 }
 

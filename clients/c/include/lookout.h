@@ -24,7 +24,7 @@ extern "C" {
 #endif
 
 /* Layout of the structures: that of the daemon's messages. */
-#define LOOKOUT_LAYOUT 11
+#define LOOKOUT_LAYOUT 12
 
 /* Limits. */
 #define LOOKOUT_MAX_OBSTACLES 128 /* Maximum number of obstacles of a frame. */

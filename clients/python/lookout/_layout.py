@@ -71,7 +71,7 @@ __all__ = [
     "RIG",
 ]
 
-LAYOUT = 11
+LAYOUT = 12
 
 # Limits.
 MAX_OBSTACLES = 128

@@ -36,6 +36,7 @@ pub fn record(obstacle: &Obstacle, rig: &Rig) -> TrackRecord {
         end_depth_m: obstacle.outline.end_depth_m,
         end_excess_m: obstacle.outline.end_excess_m,
         height_m: obstacle.height_m,
+        before_wall_m: obstacle.before_wall_m.unwrap_or(f64::INFINITY),
         across_m_s: obstacle.lateral_speed_m_s,
         across_sigma_m_s: obstacle.lateral_speed_sigma_m_s,
         along_m_s: ground.map_or(0.0, |g| g.speed_m_s[1]),
@@ -81,6 +82,7 @@ pub fn obstacle(record: &TrackRecord) -> Obstacle {
         width_m: record.width_m,
         outline,
         height_m: record.height_m,
+        before_wall_m: Some(record.before_wall_m).filter(|m| m.is_finite()),
         closing_m_s: record.closing_m_s,
         closing_sigma_m_s: record.closing_sigma_m_s,
         time_to_collision: seconds.is_finite().then_some(TimeToCollision { seconds, sigma_s }),
@@ -119,6 +121,7 @@ mod tests {
             width_m: 1.8,
             outline: Outline { face_inset_m: [0.2, 0.4], end_depth_m: [1.5, 2.5], end_excess_m: [0.0, 0.3] },
             height_m: 1.4,
+            before_wall_m: Some(1.5),
             closing_m_s: 9.0,
             closing_sigma_m_s: 0.6,
             time_to_collision: Some(TimeToCollision { seconds: 2.3, sigma_s: 0.2 }),
@@ -131,7 +134,7 @@ mod tests {
         };
         for obstacle_before in [
             relative,
-            Obstacle { time_to_collision: None, ..relative },
+            Obstacle { time_to_collision: None, before_wall_m: None, ..relative },
             Obstacle { ground: ground(Movement::Moving, [0.7, -2.0]), ..relative },
             Obstacle { ground: ground(Movement::Standing, [0.0, 0.0]), ..relative },
         ] {

@@ -3,8 +3,8 @@
 use crate::alarm::MOVING;
 use crate::header::{MAX_DISPARITY_PX, MAX_PIXELS, MAX_SIDE, MIN_DISPARITY_PX};
 use crate::range::{
-    ANY_U32, Each, FLAG, LATERAL_M, MAX_COLLISION_S, MAX_SPEED_M_S, METRES, SHARE, Within, ranges, within,
-    within_or_infinite,
+    ANY_U32, Each, FLAG, LATERAL_M, MAX_COLLISION_S, MAX_METRES, MAX_SPEED_M_S, METRES, SHARE, Within,
+    ranges, within, within_or_infinite,
 };
 use bytemuck::{Pod, Zeroable};
 
@@ -62,6 +62,8 @@ pub struct TrackRecord {
     pub end_excess_m: [f64; 2],
     /// Height in metres.
     pub height_m: f64,
+    /// By how much it stands before a wall that is as high, in metres; infinite where there is none.
+    pub before_wall_m: f64,
     /// Filtered lateral speed in m/s; positive to the right.
     pub across_m_s: f64,
     /// Standard deviation of the lateral speed, in m/s.
@@ -112,6 +114,7 @@ ranges! {
         end_depth_m: Each(METRES),
         end_excess_m: Each(METRES),
         height_m: METRES,
+        before_wall_m: within_or_infinite(-MAX_METRES, MAX_METRES),
         across_m_s: SPEED_M_S,
         across_sigma_m_s: SPEED_SIGMA_M_S,
         along_m_s: SPEED_M_S,

@@ -14,6 +14,10 @@ const MIN_APPROACH_M_S: f64 = 0.5;
 /// While the vehicle stands, only what moves towards it at least this fast counts, in m/s: faster than people walk.
 const MIN_CLOSING_AT_REST_M_S: f64 = 3.0;
 
+/// What is as high as the wall behind it and stands at most so far before it, in metres, is on the pavement: trees, poles, porches. Where it
+/// is straight ahead, the road bends before the wall.
+const BESIDE_WALL_M: f64 = 2.5;
+
 /// A confirmed obstacle, as input of the alarm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Candidate {
@@ -37,6 +41,8 @@ pub struct Candidate {
     pub motion: LateralMotion,
     /// Outline of the thing.
     pub outline: Outline,
+    /// By how much it stands before a wall that is as high, in metres; `None` where there is none.
+    pub before_wall_m: Option<f64>,
     /// Motion over ground; `None` if the own motion is unknown.
     pub ground: Option<GroundMotion>,
     /// Whether the vehicle drives towards it, so that its distance alone may raise the alarm; on the straight strip that
@@ -46,7 +52,8 @@ pub struct Candidate {
     pub(super) gap_m: f64,
     /// Whether it is so probably in the way that it may raise a level, and not only keep one.
     pub(super) may_raise: bool,
-    /// Whether it comes from beside, and its place at the arrival is in doubt (`Encounter::is_unsure`): a warning can wait.
+    /// Whether it comes from beside, and its place at the arrival is in doubt (`Encounter::is_unsure`), or it stands beside the road as
+    /// walls do, which then bends (`BESIDE_WALL_M`): a warning can wait.
     pub(super) is_unsure: bool,
     /// Whether it is less probably in the way than an alarm needs, but the path is in doubt (`Encounter::may_be_in_the_way`): it may raise
     /// or keep a warning, and nothing else.
@@ -77,6 +84,7 @@ impl Candidate {
                 width_m: tracked.width_m,
             },
             outline: tracked.outline,
+            before_wall_m: tracked.before_wall_m,
             ground: tracked.ground,
             is_approached: true,
             gap_m: tracked.distance_m,
@@ -98,6 +106,11 @@ impl Candidate {
                 [g.speed_m_s, g.speed_sigma_m_s, g.place_sigma_m].into_iter().flatten().chain(g.correlations)
             }))
             .all(f64::is_finite)
+    }
+
+    /// Whether it stands so near to a wall that is as high that the road does not lead between both.
+    fn is_beside_wall(&self) -> bool {
+        self.before_wall_m.is_some_and(|before_m| before_m < BESIDE_WALL_M)
     }
 
     /// Whether it is detected in this frame. A place that is only predicted raises nothing.
@@ -148,7 +161,7 @@ impl Candidate {
             time_to_collision: ttc,
             is_approached: is_approached && found.is_in_strip(is_held) && !path.is_at_rest(),
             may_raise: found.is_in_the_way(false),
-            is_unsure: moves && !is_doubtful && found.is_unsure(),
+            is_unsure: if moves { !is_doubtful && found.is_unsure() } else { self.is_beside_wall() },
             is_doubtful,
             ..self
         })

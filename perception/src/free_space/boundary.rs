@@ -8,6 +8,9 @@ pub const MAX_POINTS: usize = 24;
 /// Maximum number of boundaries.
 pub const MAX_BOUNDARIES: usize = 8;
 
+/// Largest sine of the angle between the line of sight and what leads obliquely across the path: 60°.
+const OBLIQUE_SINE: f64 = 0.87;
+
 /// A point at the foot of a boundary.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BoundaryPoint {
@@ -93,8 +96,10 @@ impl Boundary {
             let mix = |value: fn(&BoundaryPoint) -> f64| value(a) + share * (value(b) - value(a));
             let [right, ahead] = [b.lateral_m - a.lateral_m, b.distance_m - a.distance_m];
             let line_m = (a.lateral_m * ahead - a.distance_m * right).abs() / right.hypot(ahead).max(1e-9);
+            let distance_m = mix(|p| p.distance_m);
             Some(Meeting {
-                distance_m: mix(|p| p.distance_m),
+                distance_m,
+                is_oblique: line_m < OBLIQUE_SINE * distance_m,
                 height_m: mix(|p| p.height_m),
                 sigma_m: mix(|p| p.sigma_m),
                 line_m,
@@ -103,12 +108,22 @@ impl Boundary {
     }
 
     /// By how much a place, in metres right and ahead of the camera, stands before it on the camera's side, measured across it, in
-    /// metres, and its height there; negative behind it. `None` where the ray to the place does not meet it.
-    pub fn before_m(&self, [right_m, ahead_m]: Planar) -> Option<[f64; 2]> {
+    /// metres, and where the ray to it meets the boundary; negative behind it. `None` where it does not.
+    pub fn before_m(&self, [right_m, ahead_m]: Planar) -> Option<(f64, Meeting)> {
         let meeting = self.meet(right_m / ahead_m.max(1e-3))?;
-        let before_m = meeting.line_m * (1.0 - ahead_m / meeting.distance_m.max(1e-3));
-        Some([before_m, meeting.height_m])
+        Some((meeting.line_m * (1.0 - ahead_m / meeting.distance_m.max(1e-3)), meeting))
     }
+}
+
+/// How a thing stands before a wall that is as high.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BeforeWall {
+    /// By how much its farthest point reaches out of the wall, in metres; negative behind its face.
+    pub reach_m: f64,
+    /// The same of its nearest point.
+    pub nearest_m: f64,
+    /// Whether it stands in the own path, or the wall across it: it is a thing then, even if it is flush with the wall.
+    pub is_in_path: bool,
 }
 
 /// Where a ray meets a boundary.
@@ -122,4 +137,6 @@ pub struct Meeting {
     pub sigma_m: f64,
     /// Distance of the camera from the line of the boundary there, in metres.
     pub line_m: f64,
+    /// Whether it goes on obliquely there, by at most [`OBLIQUE_SINE`]: the road may bend along it, and does not end there.
+    pub is_oblique: bool,
 }

@@ -54,7 +54,7 @@ mod tests {
 
     /// Of five strips beside a wall 5 m to the right, seen 15 m ahead, the stixels of which are this much nearer across it.
     fn relief(before_m: f64, sigma: f64) -> Relief {
-        let wall = Meeting { distance_m: 15.0, height_m: 3.0, sigma_m: 0.05, line_m: 5.0 };
+        let wall = Meeting { distance_m: 15.0, height_m: 3.0, sigma_m: 0.05, line_m: 5.0, is_oblique: true };
         let ray = RayStixel { inverse_m: 1.0 / 15.0 + before_m / (5.0 * 15.0), sigma };
         Relief::sum(&[Relief::of([(ray, 40), (ray, 20)].into_iter(), &wall); 5])
     }

@@ -403,7 +403,9 @@ fn what_is_flush_with_a_wall_and_as_high_may_be_a_part_of_it() {
         .detect(DepthView::new(DisparityView::new(&map, SIZE.0, SIZE.1).unwrap(), &confidence).unwrap());
     // A door case 12 to 12.6 m ahead that reaches out by this much.
     let before_m = |out_m: f64, height_m: f64| {
-        scene.before_wall_m(&[[5.0 - out_m, 12.0], [5.0 - out_m, 12.6]], height_m)
+        let wall = scene.before_wall(&[[5.0 - out_m, 12.0], [5.0 - out_m, 12.6]], height_m)?;
+        assert!(!wall.is_in_path && wall.nearest_m <= wall.reach_m);
+        Some(wall.reach_m)
     };
     for out_m in [-0.25, 0.0, 0.3, 1.0] {
         let seen_m = before_m(out_m, 2.9).expect("beside the wall");
@@ -411,14 +413,15 @@ fn what_is_flush_with_a_wall_and_as_high_may_be_a_part_of_it() {
     }
     assert_eq!(before_m(-1.0, 2.9), None, "behind it");
     assert_eq!(before_m(0.1, 1.8), None, "a person ends below its top");
-    assert_eq!(scene.before_wall_m(&[[1.0, 12.0], [5.0, 12.0]], 2.9), None, "in the own path");
-    assert_eq!(scene.before_wall_m(&[[-5.0, 12.0], [4.9, 12.0]], 2.9), None, "a lorry across the path");
-    assert_eq!(scene.before_wall_m(&[[-5.0, 12.0], [-4.0, 12.0]], 2.9), None, "no wall there");
-    assert_eq!(scene.before_wall_m(&[[4.9, 58.0], [6.5, 75.0]], 2.9), None, "beyond the end of the wall");
+    let reaches = scene.before_wall(&[[1.5, 12.0], [4.9, 12.0]], 2.9).expect("from the wall into the path");
+    assert!(reaches.is_in_path && reaches.nearest_m < 0.3 && reaches.reach_m > 3.0, "{reaches:?}");
+    assert_eq!(scene.before_wall(&[[-5.0, 12.0], [4.9, 12.0]], 2.9), None, "a lorry across the path");
+    assert_eq!(scene.before_wall(&[[-5.0, 12.0], [-4.0, 12.0]], 2.9), None, "no wall there");
+    assert_eq!(scene.before_wall(&[[4.9, 58.0], [6.5, 75.0]], 2.9), None, "beyond the end of the wall");
     // Of a wall that is not higher than vehicles nothing tells what stands before it.
     let low = see(&[WALL]);
     assert_eq!(low.boundaries.len(), 1);
     let low_map = map_of(&[WALL]);
     let view = DepthView::new(DisparityView::new(&low_map, SIZE.0, SIZE.1).unwrap(), &confidence).unwrap();
-    assert_eq!(detector.detect(view).before_wall_m(&[[5.0, 12.0], [5.0, 12.6]], 2.9), None);
+    assert_eq!(detector.detect(view).before_wall(&[[5.0, 12.0], [5.0, 12.6]], 2.9), None);
 }

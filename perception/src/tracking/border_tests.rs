@@ -113,7 +113,8 @@ fn a_car_that_comes_into_view_is_as_fast_as_its_front() {
         assert!(seen >= 5, "{seen}");
     }
     println!("error of the speed from the fourth sighting on: {worst:.1} m/s at most, seeds 0 to 19");
-    assert!(worst < 1.5, "{worst}");
+    // With errors as large as what comes into view it was 1.3 m/s.
+    assert!(worst < 1.0, "{worst}");
 }
 
 /// Of a bicycle that comes out from behind a wall on the right, 1.3 m of it so far: root mean square error of the speed across, in m/s, and

@@ -5,6 +5,7 @@
 //! a car before a wall does, or stands before it is a thing.
 
 use super::parameters::{FLUSH_M, FLUSH_TIME_S, STANDS_BEFORE_M};
+use crate::free_space::boundary::BeforeWall;
 
 /// Whether a thing is part of a boundary.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -12,20 +13,30 @@ pub struct BoundaryPart {
     /// By how much it reaches out of the boundary, in metres, smoothed; `None` while it cannot be a part of one.
     before_m: Option<f64>,
     is_part: bool,
+    /// See [`Self::wall_m`].
+    wall_m: Option<f64>,
 }
 
 impl BoundaryPart {
-    /// Takes in by how much a thing reaches out of the boundary, in metres, `elapsed_s` seconds after the last time; `None` where it
-    /// cannot be a part of one: it is a thing then at once. The first look decides alone.
-    pub fn look(&mut self, before_m: Option<f64>, elapsed_s: f64) {
-        let Some(before_m) = before_m.filter(|m| m.is_finite()) else {
-            *self = Self::default();
+    /// Takes in how a thing stands before the boundary of which it may be a part, `elapsed_s` seconds after the last time; `None` where
+    /// it cannot be a part of one: it is a thing then at once, as in the own path. The first look decides alone.
+    pub fn look(&mut self, wall: Option<BeforeWall>, elapsed_s: f64) {
+        let wall = wall.filter(|wall| wall.reach_m.is_finite() && wall.nearest_m.is_finite());
+        let wall_m = wall.map(|wall| wall.nearest_m);
+        let Some(before_m) = wall.filter(|wall| !wall.is_in_path).map(|wall| wall.reach_m) else {
+            *self = Self { wall_m, ..Self::default() };
             return;
         };
+        self.wall_m = wall_m;
         let gain = 1.0 - (-elapsed_s / FLUSH_TIME_S).exp();
         let known_m = self.before_m.map_or(before_m, |known_m| known_m + gain * (before_m - known_m));
         self.before_m = Some(known_m);
         self.is_part = known_m < if self.is_part { STANDS_BEFORE_M } else { FLUSH_M };
+    }
+
+    /// By how much its nearest point stands before the wall behind it that is as high, in metres; `None` where there is none.
+    pub fn wall_m(self) -> Option<f64> {
+        self.wall_m
     }
 
     /// Whether it is.
@@ -38,20 +49,24 @@ impl BoundaryPart {
 mod tests {
     use super::*;
 
+    fn beside(reach_m: f64) -> Option<BeforeWall> {
+        Some(BeforeWall { reach_m, nearest_m: reach_m - 0.1, is_in_path: false })
+    }
+
     #[test]
     fn what_is_flush_is_a_part_until_it_stands_before_the_boundary() {
         let mut part = BoundaryPart::default();
         assert!(!part.is_part());
-        part.look(Some(0.1), 0.0);
+        part.look(beside(0.1), 0.0);
         assert!(part.is_part());
         // A wrong look.
-        part.look(Some(0.6), 0.08);
+        part.look(beside(0.6), 0.08);
         assert!(part.is_part(), "{part:?}");
-        (0..10).for_each(|_| part.look(Some(0.9), 0.08));
+        (0..10).for_each(|_| part.look(beside(0.9), 0.08));
         assert!(!part.is_part(), "{part:?}");
         let mut before = BoundaryPart::default();
         for before_m in [0.5, 0.3, 0.4, 0.3] {
-            before.look(Some(before_m), 0.08);
+            before.look(beside(before_m), 0.08);
             assert!(!before.is_part(), "{before:?}");
         }
     }
@@ -59,12 +74,12 @@ mod tests {
     #[test]
     fn where_there_is_no_boundary_it_is_a_thing_again() {
         let mut part = BoundaryPart::default();
-        part.look(Some(0.0), 0.0);
+        part.look(beside(0.0), 0.0);
         assert!(part.is_part());
         part.look(None, 0.08);
         assert!(!part.is_part());
-        part.look(Some(0.0), 0.08);
-        part.look(Some(f64::NAN), 0.08);
+        part.look(beside(0.0), 0.08);
+        part.look(beside(f64::NAN), 0.08);
         assert!(!part.is_part());
     }
 }

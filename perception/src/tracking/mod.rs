@@ -36,6 +36,7 @@ mod visibility;
 
 use crate::detection::MIN_EVIDENCE;
 use crate::frame_clock::{FrameClock, TimeStep};
+use crate::free_space::boundary::BeforeWall;
 use crate::motion::Motion;
 use crate::motion::body::Body;
 use crate::motion::planar::{OwnRates, Planar, PlanarStep};
@@ -73,9 +74,9 @@ pub struct Frame<'a> {
     pub could_detect: bool,
     /// Looks for a predicted region in both pictures: its evidence, or `None` if they do not tell.
     pub verify: &'a dyn Fn(&Region) -> Option<f64>,
-    /// By how much a thing with this outline on the ground, in metres right and ahead, and this height stands before the wall of
-    /// which it may be a part, in metres; `None` where it can be none.
-    pub before_wall_m: &'a dyn Fn(&[Planar], f64) -> Option<f64>,
+    /// How a thing with this outline on the ground, in metres right and ahead, and this height stands before the wall of which it may
+    /// be a part; `None` where it can be none.
+    pub before_wall: &'a dyn Fn(&[Planar], f64) -> Option<BeforeWall>,
 }
 
 impl<'a> Frame<'a> {
@@ -88,7 +89,7 @@ impl<'a> Frame<'a> {
             points: &[],
             could_detect: true,
             verify: &|_| None,
-            before_wall_m: &|_, _| None,
+            before_wall: &|_, _| None,
         }
     }
 }
@@ -379,8 +380,8 @@ impl Tracker {
     fn tell_parts_of_boundaries(&mut self, frame: &Frame<'_>, elapsed_s: f64) {
         let is_known = self.own.is_some();
         for track in &mut self.tracks {
-            let before_m = if is_known { before_wall_m(track, frame) } else { None };
-            track.boundary.look(before_m, elapsed_s);
+            let wall = if is_known { before_wall(track, frame) } else { None };
+            track.boundary.look(wall, elapsed_s);
         }
     }
 
@@ -520,7 +521,7 @@ impl Tracker {
                 let mut track = Track::begin(self.next_id, s, region, cameras, self.own.as_ref());
                 track.is_confirmed = track.existence.probability() >= self.parameters.confirm_probability;
                 if self.own.is_some() {
-                    track.boundary.look(before_wall_m(&track, frame), 0.0);
+                    track.boundary.look(before_wall(&track, frame), 0.0);
                 }
                 if track.is_plausible() {
                     self.numbers[s] = track.id;
@@ -534,10 +535,10 @@ impl Tracker {
     }
 }
 
-/// By how much the outline of a track stands before the wall of which it may be a part, in metres.
-fn before_wall_m(track: &Track, frame: &Frame<'_>) -> Option<f64> {
+/// How the outline of a track stands before the wall of which it may be a part.
+fn before_wall(track: &Track, frame: &Frame<'_>) -> Option<BeforeWall> {
     let outline_m = track.extent.outline.points_m([track.lateral_m(), track.distance_m()], track.front_m());
-    (frame.before_wall_m)(&outline_m, track.extent.height_m)
+    (frame.before_wall)(&outline_m, track.extent.height_m)
 }
 
 /// Whether most of a thing without a sighting is outside of the area that both cameras see: it has left, and does not come back.

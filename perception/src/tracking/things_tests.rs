@@ -346,13 +346,15 @@ fn parts_of_walls_are_told_from_who_stands_before_them() {
     let case = |before_m: f64| sighting(14.0, [4.0 - before_m, 4.6 - before_m], 2.8, 6.0);
     let person = sighting(13.0, [3.3, 3.8], 1.8, 6.0);
     let before_wall = |points_m: &[Planar], height_m: f64| {
-        (height_m > 2.5).then(|| points_m.iter().map(|[right_m, _]| 4.0 - right_m).fold(f64::MIN, f64::max))
+        let before_m = points_m.iter().map(|[right_m, _]| 4.0 - right_m);
+        let [nearest_m, reach_m] =
+            [before_m.clone().fold(f64::MAX, f64::min), before_m.fold(f64::MIN, f64::max)];
+        (height_m > 2.5).then_some(BeforeWall { reach_m, nearest_m, is_in_path: false })
     };
     let mut tracker = tracker();
     let mut see = |frame: u64, sightings: &[Region]| {
         let motion = Some(Motion::default());
-        let frame =
-            Frame { motion, before_wall_m: &before_wall, ..Frame::new(frame * 80_000_000, sightings) };
+        let frame = Frame { motion, before_wall: &before_wall, ..Frame::new(frame * 80_000_000, sightings) };
         tracker.follow(&frame);
         let told = tracker.tracks().iter().filter(|t| t.is_confirmed && !t.is_part_of_boundary());
         let numbers = (0..sightings.len()).map(|s| tracker.track_of(s) > 0);

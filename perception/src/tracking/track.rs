@@ -17,6 +17,8 @@ use crate::rig::Rig;
 /// Smoothing of the width's change from sighting to sighting, and its first value: what a new track may be.
 const JITTER_GAIN: f64 = 0.25;
 const INITIAL_JITTER: f64 = 0.3;
+/// Deviations from the expected place up to this many of its standard deviations are the thing's own motion.
+const EXPLAINED_SIGMAS: f64 = 2.0;
 /// Tracks with a larger distance, lateral position, size or standard deviation of the distance are dropped, in metres:
 /// a hundred times the range of a stereo camera.
 const MAX_LENGTH_M: f64 = 10_000.0;
@@ -136,11 +138,8 @@ impl Track {
         }
         let change = (region.width_m / self.extent.width_m.max(0.05)).max(0.05).ln().abs();
         // A box that became wider or narrower may have gained or lost a side; beside what hides it, or at the border of the picture, it
-        // does so anyway. At the border the image has to tell that it is one thing.
+        // does so anyway. At the border the image has to tell that it is one thing, or the side that is seen goes on as before.
         let open = cut.or_hidden(region);
-        let is_one_thing = open.any() && (self.is_followed || !cut.any());
-        let unsure_m = if is_one_thing { 0.0 } else { (region.width_m - self.extent.width_m) / 2.0 };
-        let sigma_m = place_sigma_m(region, &rig, open, self.extent.width_m).hypot(unsure_m);
         let half_m = region.width_m / 2.0;
         let [left_m, right_m] = match self.is_over_ground {
             true => region.ends_m(),
@@ -154,8 +153,17 @@ impl Track {
             (false, true) => (left_m + front_m / 2.0, 0.5),
             _ => ((left_m + right_m) / 2.0, 0.0),
         };
-        self.filter.measure_across([lateral_m, region.distance_m], sigma_m, self.is_followed);
         let enters = self.enters(region, cut);
+        let is_one_thing = open.any() && (self.is_followed || !cut.any());
+        let gained_m = if is_one_thing {
+            0.0
+        } else if enters && self.movement == Movement::Moving {
+            self.unexplained_m(lateral_m)
+        } else {
+            region.width_m - self.extent.width_m
+        };
+        let sigma_m = place_sigma_m(region, &rig, open, self.extent.width_m).hypot(gained_m / 2.0);
+        self.filter.measure_across([lateral_m, region.distance_m], sigma_m, self.is_followed);
         self.extent.update(region, &rig, (cut, open, enters), self.unseen_s);
         self.filter.shift(outwards * (self.front_m() - front_m));
         // Of what is not seen as a whole no width is measured, and what it was before is forgotten.
@@ -177,6 +185,13 @@ impl Track {
     /// not, however slow the frames are.
     pub(super) fn was_lost(&self) -> bool {
         self.missed > 1 && self.unseen_s > FOUND_AGAIN_S
+    }
+
+    /// By how much the place across that one side tells is farther from the expected one than its uncertainty explains, in metres: by
+    /// so much the box may have gained something else.
+    fn unexplained_m(&self, lateral_m: f64) -> f64 {
+        let [expected_m, sigma_m] = [self.filter.place_m()[0], self.filter.place_sigma_m()[0]];
+        ((lateral_m - expected_m).abs() - EXPLAINED_SIGMAS * sigma_m).max(0.0)
     }
 
     /// Whether a thing that the picture cuts on one side comes into view: the side that is seen goes away from the border.
@@ -319,6 +334,7 @@ impl Track {
             width_m: self.front_m(),
             outline: if self.is_over_ground { self.extent.outline } else { Outline::default() },
             height_m: self.extent.height_m,
+            before_wall_m: self.boundary.wall_m(),
             closing_m_s: self.closing_m_s(),
             closing_sigma_m_s: self.closing_sigma_m_s(),
             time_to_collision: self.time_to_collision(),
@@ -385,6 +401,8 @@ pub struct Obstacle {
     pub outline: Outline,
     /// Height, in metres.
     pub height_m: f64,
+    /// By how much its nearest point stands before a wall that is as high, in metres; `None` where there is none.
+    pub before_wall_m: Option<f64>,
     /// Closing speed, in m/s.
     pub closing_m_s: f64,
     /// Its standard deviation, in m/s.

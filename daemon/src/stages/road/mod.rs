@@ -161,7 +161,7 @@ impl Stage for RoadStage {
                 points: self.own_motion.scene_points(),
                 could_detect: scene.road.is_some(),
                 verify: &|region| Some(verifier?.verify(region)?.evidence()),
-                before_wall_m: &|points_m, height_m| scene.before_wall_m(points_m, height_m),
+                before_wall: &|points_m, height_m| scene.before_wall(points_m, height_m),
             });
         }
         if step != TimeStep::Repeated && !is_frozen {

@@ -1,9 +1,10 @@
 //! A camera that shows the same picture again while the vehicle moves: such a picture tells of the time of the one before.
 //!
-//! Input: the images of each frame, the own motion until then, the time since the frame before. Output: whether the frame shows nothing
-//! new, and whether that lasts. Noise changes each picture of a camera that works; a camera, a driver or a network that hangs repeats it.
+//! Input: the images of each frame, the own motion until then, the step of time since the frame before. Output: how old the last new
+//! picture is, or that the frame shows nothing new, and whether that lasts. Noise changes each picture of a camera that works; a camera, a driver or a network that hangs repeats it.
 //! Every fourth row of both images is compared, bit for bit.
 
+use crate::frame_clock::TimeStep;
 use crate::image::GreyView;
 use crate::motion::Motion;
 use std::hash::{DefaultHasher, Hasher};
@@ -22,26 +23,34 @@ const MAX_FROZEN_S: f64 = 0.5;
 pub struct FrozenPicture {
     /// Hashes of the last images.
     last: Option<[u64; 2]>,
-    /// Time since the last new picture; `None` where this one is new.
-    since_s: Option<f64>,
+    is_frozen: bool,
+    /// Time since the last new picture, in seconds.
+    since_s: f64,
 }
 
 impl FrozenPicture {
-    /// Whether an image is the one before, although the vehicle moves: `motion` is what was known until then. It remains so until another
-    /// one comes. A single pair that is shown again and again from the start is a scene that stands.
-    pub fn update(&mut self, images: [GreyView<'_>; 2], motion: Option<&Motion>, elapsed_s: f64) -> bool {
+    /// Time between the last new picture and this one, in seconds; `None` if this one is the one before, although the vehicle moves:
+    /// `motion` is what was known until then. It remains frozen until another one comes. A single pair that is shown again and again from
+    /// the start is a scene that stands. After a gap or a step back, every picture is new.
+    pub fn update(
+        &mut self,
+        images: [GreyView<'_>; 2],
+        motion: Option<&Motion>,
+        step: TimeStep,
+    ) -> Option<f64> {
         let hashes = images.map(hash);
         let is_repeated =
             self.last.replace(hashes).is_some_and(|last| last[0] == hashes[0] || last[1] == hashes[1]);
         let moves = |m: &Motion| m.speed_m_s.abs() > MIN_SPEED_M_S.max(MOVING_SIGMAS * m.speed_sigma_m_s);
-        let is_frozen = is_repeated && (self.since_s.is_some() || motion.is_some_and(moves));
-        self.since_s = is_frozen.then(|| self.since_s.unwrap_or(0.0) + elapsed_s);
-        is_frozen
+        self.is_frozen = is_repeated && (self.is_frozen || motion.is_some_and(moves));
+        self.since_s = if step.is_discontinuity() { 0.0 } else { self.since_s + step.elapsed_s() };
+        let is_new = !self.is_frozen || step.is_discontinuity();
+        is_new.then(|| std::mem::take(&mut self.since_s))
     }
 
     /// Whether there has been no new picture for so long that silence tells nothing.
     pub fn lasts(&self) -> bool {
-        self.since_s.is_some_and(|since_s| since_s > MAX_FROZEN_S)
+        self.is_frozen && self.since_s > MAX_FROZEN_S
     }
 }
 
@@ -61,6 +70,8 @@ mod tests {
         (0..SIZE.0 * SIZE.1).map(|i| (i * 7 % 251) as u8 ^ seed).collect()
     }
 
+    const STEP: TimeStep = TimeStep::Forward { elapsed_s: 0.08 };
+
     fn at(speed_m_s: f64) -> Motion {
         Motion { speed_m_s, speed_sigma_m_s: 0.1, ..Motion::default() }
     }
@@ -72,7 +83,7 @@ mod tests {
             let [left, right] = numbers.map(picture);
             let [left, right] =
                 [&left, &right].map(|data| GreyView::new(data, SIZE.0, SIZE.1, SIZE.0).expect("lengths fit"));
-            state.update([left, right], motion.as_ref(), 0.08)
+            state.update([left, right], motion.as_ref(), STEP).is_none()
         };
         frames.iter().map(|(numbers, motion)| update(*numbers, *motion)).collect()
     }
@@ -114,7 +125,7 @@ mod tests {
         let mut state = FrozenPicture::default();
         let lasts: Vec<bool> = (0..10)
             .map(|_| {
-                state.update([view, view], Some(&at(10.0)), 0.08);
+                state.update([view, view], Some(&at(10.0)), STEP);
                 state.lasts()
             })
             .collect();
@@ -122,7 +133,18 @@ mod tests {
         assert_eq!(lasts.iter().position(|lasts| *lasts), Some(7));
         let other = picture(1);
         let view = GreyView::new(&other, SIZE.0, SIZE.1, SIZE.0).expect("lengths fit");
-        assert!(!state.update([view, view], Some(&at(10.0)), 0.08) && !state.lasts());
+        let since_s = state.update([view, view], Some(&at(10.0)), STEP).expect("a new picture");
+        assert!((since_s - 0.8).abs() < 1e-9 && !state.lasts(), "{since_s}");
+    }
+
+    #[test]
+    fn after_a_gap_a_picture_is_new() {
+        let data = picture(0);
+        let view = GreyView::new(&data, SIZE.0, SIZE.1, SIZE.0).expect("lengths fit");
+        let mut state = FrozenPicture::default();
+        let mut update = |step| state.update([view, view], Some(&at(10.0)), step);
+        let gap = TimeStep::Gap { elapsed_s: 5.0 };
+        assert_eq!([TimeStep::First, STEP, gap, STEP].map(&mut update), [Some(0.0), None, Some(0.0), None]);
     }
 
     #[test]
@@ -132,7 +154,7 @@ mod tests {
         let [a, b] =
             [&first, &second].map(|data| GreyView::new(data, SIZE.0, SIZE.1, SIZE.0).expect("lengths fit"));
         let mut state = FrozenPicture::default();
-        assert!(!state.update([a, a], Some(&at(10.0)), 0.08));
-        assert!(!state.update([b, b], Some(&at(10.0)), 0.08));
+        assert!(state.update([a, a], Some(&at(10.0)), STEP).is_some());
+        assert!(state.update([b, b], Some(&at(10.0)), STEP).is_some());
     }
 }

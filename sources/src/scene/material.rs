@@ -113,18 +113,23 @@ pub struct Hit {
 #[inline]
 pub fn pulse(t: f32, duty: f32, span: f32) -> f32 {
     let span = span.max(1e-4);
-    let sum = |t: f32| {
-        let whole = floor(t) as f32;
-        whole * duty + (t - whole).min(duty)
-    };
-    ((sum(t + span * 0.5) - sum(t - span * 0.5)) / span).clamp(0.0, 1.0)
+    let (from, to) = (t - span * 0.5, t + span * 0.5);
+    let whole = floor(from) as f32;
+    // Most pixels lie between two pulses, and need no division.
+    if from - whole >= duty && to < whole + 1.0 {
+        return 0.0;
+    }
+    let sum = |t: f32, whole: f32| whole * duty + (t - whole).min(duty);
+    ((sum(to, floor(to) as f32) - sum(from, whole)) / span).clamp(0.0, 1.0)
 }
 
 /// Share of a pixel around `t` within `half` of zero.
 #[inline]
 fn band(t: f32, half: f32, span: f32) -> f32 {
     let span = span.max(1e-4);
-    ((half.min(t + span * 0.5) - (-half).max(t - span * 0.5)) / span).clamp(0.0, 1.0)
+    let within = half.min(t + span * 0.5) - (-half).max(t - span * 0.5);
+    // Most pixels lie beside it, and need no division.
+    if within > 0.0 { (within / span).min(1.0) } else { 0.0 }
 }
 
 impl Hit {

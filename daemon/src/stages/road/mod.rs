@@ -56,8 +56,6 @@ pub struct RoadStage {
     body: Body,
     clock: FrameClock,
     frozen: FrozenPicture,
-    /// Time since the last new picture, in seconds.
-    frozen_s: f64,
     rig: Rig,
     range: Range,
     path_width_m: f64,
@@ -96,7 +94,6 @@ impl Stage for RoadStage {
             own_motion: OwnMotion::new(config.motion.odometry, format.rig(), (width, height)),
             clock: FrameClock::default(),
             frozen: FrozenPicture::default(),
-            frozen_s: 0.0,
             rig: format.rig(),
             range: parameters::range(config, &format.rig()),
             path_width_m: config.alarm.path_width_m,
@@ -124,9 +121,8 @@ impl Stage for RoadStage {
                 needed: self.width * self.height,
             })?;
         let step = self.clock.step(frame.source_ns);
-        let is_frozen =
-            self.frozen.update([left, right], self.own_motion.motion().as_ref(), step.elapsed_s());
-        let is_frozen = is_frozen && !step.is_discontinuity();
+        let since_s = self.frozen.update([left, right], self.own_motion.motion().as_ref(), step);
+        let is_frozen = since_s.is_none();
         let motion = self.own_motion.update(frame, step, (!is_frozen).then_some((left, disparity)));
         let sequence = frame.sequence as u32;
         if step.is_discontinuity() {
@@ -136,8 +132,7 @@ impl Stage for RoadStage {
         }
         let tracks_since = *self.tracks_since.get_or_insert(sequence);
         // A frozen picture is of the time of the one before; the next new one, of all the time since then.
-        self.frozen_s = if step.is_discontinuity() { 0.0 } else { self.frozen_s + step.elapsed_s() };
-        let elapsed_s = if is_frozen { 0.0 } else { std::mem::take(&mut self.frozen_s) };
+        let elapsed_s = since_s.unwrap_or(0.0);
         let moved = motion.map(|motion| PlanarStep::of(&motion, &self.body, elapsed_s));
         self.detector.set_own_motion(moved.filter(|_| elapsed_s > 0.0 || is_frozen));
         self.detector.set_elapsed_s(elapsed_s);

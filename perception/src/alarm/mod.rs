@@ -451,3 +451,6 @@ mod drives;
 
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod waiting_tests;

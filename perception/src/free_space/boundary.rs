@@ -137,6 +137,6 @@ pub struct Meeting {
     pub sigma_m: f64,
     /// Distance of the camera from the line of the boundary there, in metres.
     pub line_m: f64,
-    /// Whether it goes on obliquely there, by at most [`OBLIQUE_SINE`]: the road may bend along it, and does not end there.
+    /// Whether it goes on obliquely there, by at most 60°: the road may bend along it, and does not end there.
     pub is_oblique: bool,
 }

@@ -100,6 +100,8 @@ def stereo(lookout):
     for name, sets_of, options in [
         ("full", sets, ["--method", "full"]),
         ("fast", sets, ["--method", "fast"]),
+        ("full, rows corrected", sets, ["--method", "full", "--correct-rows"]),
+        ("fast, rows corrected", sets, ["--method", "fast", "--correct-rows"]),
         ("full, K₂ 0.01, gradient limit 12", sets[1:], ["--method", "full", *near]),
         ("fast, K₂ 0.01, gradient limit 12", sets[1:], ["--method", "fast", *near]),
     ]:

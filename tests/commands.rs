@@ -155,6 +155,9 @@ fn methods_threads_and_budgets_of_the_matcher() {
     figures("three.png", &["--set", "stereo.threads=3"]);
     let bytes = |name: &str| std::fs::read(bench.path(name)).unwrap();
     assert!(bytes("three.png") == bytes("fast.png"), "threads change nothing");
+    let corrected = figures("corrected.png", &["--correct-rows"]);
+    let offset_px = corrected["rows_corrected"]["offset_px"].as_f64().expect("the drive has corners");
+    assert!(offset_px.abs() < 0.1 && fast["rows_corrected"].is_null(), "{corrected}");
     let hurried = figures("hurried.png", &["--budget-ms", "0.000001"]);
     assert_eq!(hurried["scale"], 4, "{hurried}");
     assert!(hurried["density"].as_f64().unwrap() > 0.3, "{hurried}");

@@ -234,6 +234,40 @@ fn disturbed_pairs_are_saved_as_a_set_that_scores_the_same() {
     assert!(bench.path("two/set-2/disp_noc_0/000002_10.png").exists() && bench.path("two/set").exists());
 }
 
+#[test]
+fn rows_are_corrected_by_the_matches_of_each_pair() {
+    let bench = Bench::new();
+    bench.ok(&["scene", "street", "--pairs", "street", "--count", "2", "--every", "20"]);
+    let run = |args: &[&str]| document(&bench, &[args, &["--max-disparity", "32"]].concat());
+    let mean = |report: &Value, key: &str| report["sets"][0]["mean"]["noc"][key].as_f64().unwrap();
+    let shifted = run(&["street", "--disturb", "vertical"]);
+    let corrected = run(&["street", "--disturb", "vertical", "--correct-rows", "--save-pairs", "corrected"]);
+    // Half a row upwards is interpolated linearly, which blurs: not everything comes back.
+    let [lost, rest] = [&shifted, &corrected].map(|report| mean(report, "hole3"));
+    assert!(rest < 0.9 * lost, "{lost} {rest}");
+    assert_eq!((&shifted["correct_rows"], &corrected["correct_rows"]), (&false.into(), &true.into()));
+    for row in corrected["sets"][0]["rows"].as_array().unwrap() {
+        let offset_px = row["rows_corrected"]["offset_px"].as_f64().expect("a street has corners");
+        assert!((offset_px + 0.5).abs() < 0.1, "{row}");
+    }
+    assert!(shifted["sets"][0]["rows"][0]["rows_corrected"].is_null());
+    // The saved pairs are those that were scored.
+    assert_near(
+        scores(&run(&["corrected"])["sets"][0]["rows"][0]),
+        scores(&corrected["sets"][0]["rows"][0]),
+        "saved",
+    );
+    let text = bench.ok(&["evaluate", "stereo", "street", "--correct-rows", "--max-disparity", "32"]);
+    assert!(text.contains("\nrows corrected: by "), "{text}");
+    // A flat pair tells nothing of its rows.
+    kitti_folders(&bench, "flat", &["image_2", "image_3", "disp_noc_0"]);
+    for part in ["image_2", "image_3"] {
+        save_grey(&bench.path("flat").join(part).join("0_10.png"), &[90; 160 * 120], 160, 120);
+    }
+    save_map(&bench.path("flat/disp_noc_0/0_10.png"), &[2560; 160 * 120], 160);
+    assert!(run(&["flat", "--correct-rows"])["sets"][0]["rows"][0]["rows_corrected"].is_null());
+}
+
 /// What a command prints as JSON, and what it tells on standard error.
 fn both(bench: &Bench, args: &[&str]) -> (Value, String) {
     let output = bench.run(args);
@@ -323,6 +357,7 @@ fn unusable_input_is_named() {
         &["evaluate", "stereo", "set", "--max-disparity", "256"],
         &["evaluate", "stereo", "set", "--maps", "x", "--disturb", "gain"],
         &["evaluate", "stereo", "set", "--disturb", "fog"],
+        &["evaluate", "stereo", "set", "--maps", "x", "--correct-rows"],
         &["evaluate", "stereo", "set", "--method", "guess"],
     ] {
         assert_eq!(bench.run(args).status.code(), Some(2), "{args:?}");

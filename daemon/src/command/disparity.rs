@@ -9,7 +9,9 @@ use crate::input::{first_pairs, interpretation};
 use crate::stages::stereo::matcher::{Backend, Method};
 use clap::Args;
 use perception::image::GreyView;
+use perception::simd::Level;
 use perception::stereo::device::STAGES;
+use perception::stereo::epipolar::single_pair;
 use perception::stereo::reliability::{Reliability, scores};
 use perception::stereo::{DisparityView, MatchOutput, Matcher};
 use serde::Serialize;
@@ -19,6 +21,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::path::PathBuf;
 use std::time::Instant;
+use tools::evaluation::report::RowsCorrected;
 use tools::reporting::picture::{check_ending, save_grey};
 
 /// Text below the options of `--help`.
@@ -27,6 +30,7 @@ pub const HELP: &str = "Examples:
   lookout disparity left.png right.png -o d.png --max-disparity 64 --color d-color.png
   lookout disparity left.png right.png -o d.png --method full --probability p.png
   lookout disparity left.png right.png -o d.png --budget-ms 5
+  lookout disparity left.png right.png -o d.png --correct-rows
   lookout disparity left.png right.png -o d.png --repeat 10 --json";
 
 #[derive(Args, Debug)]
@@ -53,6 +57,10 @@ pub struct Disparity {
     /// Device that runs the matcher [default: stereo.backend]
     #[arg(long, value_enum)]
     pub backend: Option<Backend>,
+    /// Measure by the matches how far the rows of the images are misaligned, correct those of the right image, and match
+    /// again, as the daemon does while it runs; times are of the second match
+    #[arg(long)]
+    pub correct_rows: bool,
     /// Run the matcher this many times; times are medians
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = whole::<u32>(1, 10_000))]
     pub repeat: u32,
@@ -87,6 +95,9 @@ struct Figures {
     scale: u32,
     /// Nodes visited over width × height × disparities.
     nodes_share: f64,
+    /// By how much the rows of the right image were corrected; `None` if they were not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rows_corrected: Option<RowsCorrected>,
     /// `None` on the CPU.
     #[serde(skip_serializing_if = "Option::is_none")]
     device: Option<DeviceFigures>,
@@ -217,12 +228,23 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
         tracing::warn!("{fault}");
     }
     let left = GreyView::new(&left, width, height, width)?;
-    let right = GreyView::new(&right, width, height, width)?;
+    let mut right = GreyView::new(&right, width, height, width)?;
     let method = args.method.unwrap_or(Method::configured(&config));
     let backend = args.backend.unwrap_or(Backend::configured(&config));
     let mut matcher = method
         .matcher(backend, &config, width, height, disparities)
         .map_err(|error| CommandError::Other(format!("{}: {error}", args.left.display())))?;
+    let corrected = if args.correct_rows {
+        single_pair::corrected(Level::best(), &mut *matcher, left, right)?
+    } else {
+        None
+    };
+    if let Some((_, image)) = &corrected {
+        right = image.view();
+    } else if args.correct_rows {
+        tracing::warn!("too few matches tell how far the rows are misaligned: they stay as they are");
+    }
+    let rows_corrected = corrected.as_ref().map(|(field, _)| RowsCorrected::from(*field));
     let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
     let (mut cpu_ms, mut wall_ms, mut total_ms) = (Vec::new(), Vec::new(), Vec::new());
     let mut stages_ms = STAGES.map(|_| Vec::new());
@@ -269,15 +291,17 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
         wall_ms_median,
         workspace_bytes: matcher.workspace_bytes(),
         scale: 1 << halved,
+        rows_corrected,
         nodes_share: matcher.nodes() as f64 / (width * height * disparities) as f64,
     };
     if args.json {
         return say(serde_json::to_string_pretty(&figures)?);
     }
+    let rows = figures.rows_corrected.map_or(String::new(), |rows| format!("\nrows corrected by {rows}"));
     let scale = if halved == 0 { String::new() } else { format!(" at 1/{} scale", figures.scale) };
     say(format_args!(
         "{width}x{height}{scale}, {disparities} disparities: {:.1} % known, {:.1} ms of processor time \
-             (median of {}), {:.3} of all nodes, workspace {:.1} MiB; {}{}",
+             (median of {}), {:.3} of all nodes, workspace {:.1} MiB; {}{}{rows}",
         figures.density * 100.0,
         figures.cpu_ms_median,
         args.repeat,

@@ -21,6 +21,7 @@ pub mod harm;
 pub mod pairing;
 mod patch;
 pub mod shift;
+pub mod single_pair;
 
 use super::disparity::DisparityView;
 use crate::image::GreyView;
@@ -169,29 +170,16 @@ impl EpipolarCheck {
     /// Updates the estimate with a pair whose right image was corrected by `applied`, `seconds` after the previous one.
     /// Images that are smaller than a few patches or whose size differs from the map's are ignored.
     pub fn update(&mut self, pair: MatchedPair<'_>, applied: &RowField, seconds: f64) -> EpipolarHealth {
-        let (width, height) = (pair.left.width(), pair.left.height());
-        let same = (pair.right.width(), pair.right.height()) == (width, height)
-            && (pair.disparity.width(), pair.disparity.height()) == (width, height)
-            && pair.confidence.len() == width * height;
-        let margin = self.margin();
-        if !same || width < 4 * margin || height < 4 * margin {
+        if !self.can_measure(&pair) {
             return self.health;
         }
         let mut keep = 0.5_f64.powf(seconds.clamp(STEP_S.0, STEP_S.1) / self.parameters.half_life_s);
         self.points.clear();
         self.area.fade(keep);
         for cell in 0..CELLS.0 * CELLS.1 {
-            let (i, j) = (cell % CELLS.0, cell / CELLS.0);
-            let span = |k: usize, n: usize, length: usize| {
-                let inner = length - 2 * margin;
-                margin + k * inner / n..margin + (k + 1) * inner / n
-            };
-            let (columns, rows) = (span(i, CELLS.0, width), span(j, CELLS.1, height));
-            let (best, share) = self.corner_of_cell(&pair, columns, rows);
+            let (point, share) = self.point_of_cell(&pair, CELLS, cell, applied);
             self.area.add(cell, share);
-            if let Some(point) = best.and_then(|at| self.point(&pair, at, applied)) {
-                self.points.push(point);
-            }
+            self.points.extend(point);
         }
         // If most points contradict the past, the cameras may have moved: past frames lose weight faster.
         let expected = |p: &[f64; 3]| Vector3::new(1.0, p[0], p[1]).dot(&self.estimate);
@@ -206,6 +194,34 @@ impl EpipolarCheck {
     /// Pixels at the border in which no corner is searched.
     fn margin(&self) -> usize {
         HALF + self.parameters.reach_px.max(ASIDE) + 3
+    }
+
+    /// Whether the images and the map have the same size, of more than a few patches.
+    fn can_measure(&self, pair: &MatchedPair<'_>) -> bool {
+        let (width, height) = (pair.left.width(), pair.left.height());
+        (pair.right.width(), pair.right.height()) == (width, height)
+            && (pair.disparity.width(), pair.disparity.height()) == (width, height)
+            && pair.confidence.len() == width * height
+            && width.min(height) >= 4 * self.margin()
+    }
+
+    /// The point of a cell of a grid, see [`Self::point`], and the share of the cell's pixels with a confident disparity.
+    fn point_of_cell(
+        &self,
+        pair: &MatchedPair<'_>,
+        grid: (usize, usize),
+        cell: usize,
+        applied: &RowField,
+    ) -> (Option<[f64; 3]>, f64) {
+        let margin = self.margin();
+        let span = |k: usize, n: usize, length: usize| {
+            let inner = length - 2 * margin;
+            margin + k * inner / n..margin + (k + 1) * inner / n
+        };
+        let columns = span(cell % grid.0, grid.0, pair.left.width());
+        let rows = span(cell / grid.0, grid.1, pair.left.height());
+        let (corner, share) = self.corner_of_cell(pair, columns, rows);
+        (corner.and_then(|at| self.point(pair, at, applied)), share)
     }
 
     /// The strongest corner of a cell, and the share of its pixels with a confident disparity.
@@ -352,11 +368,11 @@ mod tests {
     use crate::image::GreyImage;
     use crate::simd::Level;
 
-    const SIZE: (usize, usize) = (320, 240);
+    pub(super) const SIZE: (usize, usize) = (320, 240);
 
     /// A textured pair with disparities from 6 to 20 px; `field` is the vertical offset of the right image at a
     /// position.
-    fn pair(field: impl Fn(f64, f64) -> f64, seed: u64) -> (GreyImage, GreyImage, Vec<u16>) {
+    pub(super) fn pair(field: impl Fn(f64, f64) -> f64, seed: u64) -> (GreyImage, GreyImage, Vec<u16>) {
         let (width, height) = SIZE;
         let mut random = fastrand::Rng::with_seed(seed);
         let coarse: Vec<f64> = (0..200 * 100).map(|_| random.f64() * 255.0).collect();

@@ -6,6 +6,7 @@ use super::roc::Roc;
 use super::score::{COLUMNS, Scores, mean};
 use super::subpixel::Subpixel;
 use crate::reporting::record::tidy;
+use perception::stereo::epipolar::field::RowField;
 use serde::Serialize;
 use sources::truth::Region;
 use std::collections::BTreeMap;
@@ -23,6 +24,38 @@ pub struct Row {
     pub scores: Scores,
     /// Processor time of the matcher, median of its runs, in ms; `None` for given maps.
     pub cpu_ms: Option<f64>,
+    /// By how much the rows of the right image were corrected; `None` if they were not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rows_corrected: Option<RowsCorrected>,
+}
+
+/// Vertical offset of the right image that was corrected, in pixels; positive is lower in the right image.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct RowsCorrected {
+    /// Offset in the middle of the image.
+    pub offset_px: f64,
+    /// Change from the middle to the right border.
+    pub across_px: f64,
+    /// Change from the middle to the lower border.
+    pub down_px: f64,
+}
+
+impl From<RowField> for RowsCorrected {
+    fn from(field: RowField) -> Self {
+        let RowField { offset_px, across_px, down_px } = field;
+        let [offset_px, across_px, down_px] = [offset_px, across_px, down_px].map(tidy);
+        Self { offset_px, across_px, down_px }
+    }
+}
+
+impl fmt::Display for RowsCorrected {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { offset_px, across_px, down_px } = self;
+        write!(
+            f,
+            "{offset_px:+.2} px in the middle, {across_px:+.2} px more at the right border, {down_px:+.2} px more at the lower one"
+        )
+    }
 }
 
 /// Mean over the images of a set with ground truth in a region.
@@ -84,6 +117,8 @@ pub struct StereoReport {
     pub pairs: String,
     /// Disturbance of the right images.
     pub disturb: Option<&'static str>,
+    /// Whether misaligned rows of the right images were corrected, by the matches of each pair.
+    pub correct_rows: bool,
     /// Runs per pair.
     pub repeat: u32,
     /// Workspace of the largest matcher, in bytes; `None` for given maps.
@@ -121,6 +156,31 @@ fn line(
     writeln!(f, "{:>8}", cell(cpu_ms, 1))
 }
 
+impl StereoReport {
+    /// The corrections of rows: their mean, and the smallest and largest offset.
+    fn rows(&self) -> String {
+        // A pair with two regions counts twice, as all do then.
+        let rows = self.sets.iter().flat_map(|set| &set.rows);
+        let mut of_pairs: Vec<RowsCorrected> = rows.filter_map(|row| row.rows_corrected).collect();
+        of_pairs.sort_by(|a, b| a.offset_px.total_cmp(&b.offset_px));
+        let (Some(first), Some(last)) = (of_pairs.first(), of_pairs.last()) else {
+            return "rows corrected: none, as too few points tell of them".into();
+        };
+        let mean = |value: fn(&RowsCorrected) -> f64| {
+            of_pairs.iter().map(value).sum::<f64>() / of_pairs.len() as f64
+        };
+        let mean = RowsCorrected {
+            offset_px: mean(|rows| rows.offset_px),
+            across_px: mean(|rows| rows.across_px),
+            down_px: mean(|rows| rows.down_px),
+        };
+        format!(
+            "rows corrected: by {mean} (mean; {:+.2} to {:+.2} px in the middle)",
+            first.offset_px, last.offset_px
+        )
+    }
+}
+
 /// The tables, then the diagnostics.
 impl fmt::Display for StereoReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -154,6 +214,9 @@ impl fmt::Display for StereoReport {
                 f,
                 "sub-pixel: pixel-locking bias not available: no estimate within 1 px of ground truth with sub-pixel values"
             )?,
+        }
+        if self.correct_rows {
+            writeln!(f, "{}", self.rows())?;
         }
         for range in &self.by_range {
             writeln!(f, "{range}")?;
@@ -196,7 +259,7 @@ mod tests {
             hole3: 9.0,
             val3: f64::NAN,
         };
-        Row { name: name.into(), region: region.name(), scores, cpu_ms }
+        Row { name: name.into(), region: region.name(), scores, cpu_ms, rows_corrected: None }
     }
 
     fn report() -> StereoReport {

@@ -1,19 +1,19 @@
 //! `lookout evaluate stereo`.
 
+mod estimator;
+
 use crate::command::config_args::ConfigArgs;
 use crate::command::config_args::load;
 use crate::command::console::progress;
 use crate::command::console::say;
-use crate::command::disparity::{median, read_pair};
+use crate::command::disparity::read_pair;
 use crate::command::error::CommandError;
 use crate::command::left_out::LeftOut;
 use crate::stages::stereo::matcher::{Backend, Method};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
-use config::Config;
-use perception::image::GreyView;
-use perception::stereo::{MatchOutput, Matcher};
-use sources::truth::{Region, Truth, TruthError, TruthPair, find, map_file};
+use estimator::{Estimate, Estimator, Images, Maps, Matchers, map_paths};
+use sources::truth::{Region, Truth, TruthError, TruthPair, find};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use tools::evaluation::bias::ErrorsByRange;
@@ -22,7 +22,7 @@ use tools::evaluation::error_picture::{self, ErrorInput};
 use tools::evaluation::files::{KITTI_FOLDERS, KittiPair, prepare, write_report};
 use tools::evaluation::fill::interpolate_background;
 use tools::evaluation::reliability::ReliabilityCounts;
-use tools::evaluation::report::{Row, SetReport, StereoReport};
+use tools::evaluation::report::{Row, RowsCorrected, SetReport, StereoReport};
 use tools::evaluation::roc::Sparsification;
 use tools::evaluation::score::score;
 use tools::evaluation::subpixel::SubpixelHistogram;
@@ -35,6 +35,7 @@ pub const HELP: &str = "Examples:
   lookout evaluate stereo KITTI --out results      error pictures, maps, plots
   lookout evaluate stereo KITTI --maps results     score maps instead of matching
   lookout evaluate stereo KITTI --disturb noise --save-pairs noisy
+  lookout evaluate stereo KITTI --correct-rows     misaligned rows corrected, as the daemon does
 
 DIR is searched recursively for KITTI 2012 (image_0, image_1, disp_noc, disp_occ), KITTI 2015
 (image_2, image_3, disp_noc_0, disp_occ_0), KITTI depth (left, right, gt_depth_map, calib) and
@@ -81,6 +82,11 @@ pub struct EvaluateStereo {
     #[arg(long, value_name = "WHAT", conflicts_with = "maps",
         value_parser = PossibleValuesParser::new(Disturbance::NAMES).try_map(|name| name.parse::<Disturbance>()))]
     pub disturb: Option<Disturbance>,
+    /// Match each pair, measure by its matches how far its rows are misaligned, correct the rows of the right image, and
+    /// score the pair matched again. The daemon does so while it runs, by the estimate of many pairs
+    /// (calibration.correct_px); ms is of the second match
+    #[arg(long, conflicts_with = "maps")]
+    pub correct_rows: bool,
     /// Write the grey pairs as they are matched, and their ground truth, in the layout of KITTI 2015
     #[arg(long, value_name = "DIR")]
     pub save_pairs: Option<PathBuf>,
@@ -127,42 +133,19 @@ struct Set {
     pairs: Vec<TruthPair>,
 }
 
-/// A pair in memory.
-struct Images {
-    left: Vec<u8>,
-    right: Vec<u8>,
-    width: usize,
-    height: usize,
-}
-
-/// The disparity map to score.
-struct Estimate {
-    disparity: Vec<u16>,
-    /// `None` for a map from a file.
-    confidence: Option<Vec<u8>>,
-    cpu_ms: Option<f64>,
-}
-
-/// Source of disparity maps.
-trait Estimator {
-    /// The map of a pair; `None` to skip it.
-    fn estimate(
-        &mut self,
-        set: &str,
-        pair: &TruthPair,
-        images: &Images,
-    ) -> Result<Option<Estimate>, CommandError>;
-
-    /// Memory of the largest matcher; `None` without one.
-    fn workspace_bytes(&self) -> Option<usize>;
-}
-
 pub fn run(args: &EvaluateStereo, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "evaluate", Some("warn"))?;
     let sets = sets(args)?;
     let mut estimator: Box<dyn Estimator> = match &args.maps {
         Some(folder) => Box::new(Maps { folder }),
-        None => Box::new(Matchers { args, config: &config, of_size: HashMap::new() }),
+        None => Box::new(Matchers {
+            config: &config,
+            method: args.method.unwrap_or(Method::configured(&config)),
+            backend: args.backend.unwrap_or(Backend::configured(&config)),
+            disparities: usize::from(args.max_disparity),
+            repeat: args.repeat,
+            of_size: HashMap::new(),
+        }),
     };
     keep_folders_apart(args)?;
     if let Some(out) = &args.out {
@@ -206,6 +189,7 @@ pub fn run(args: &EvaluateStereo, log: Option<&str>) -> Result<(), CommandError>
         disparities: matched.then_some(usize::from(args.max_disparity)),
         pairs: args.pairs.name().to_owned(),
         disturb: args.disturb.map(Disturbance::name),
+        correct_rows: args.correct_rows,
         repeat: args.repeat,
         workspace_bytes: estimator.workspace_bytes(),
         sets: reports,
@@ -252,7 +236,12 @@ fn evaluate_pair(
 ) -> Result<Outcome, CommandError> {
     let read = read(pair, args.disturb);
     let read = statistics.unreadable.unless_broken(&pair.name, statistics.is_strict, read)?;
-    let Some((truth, images)) = read else { return Ok(Outcome::Unreadable) };
+    let Some((truth, mut images)) = read else { return Ok(Outcome::Unreadable) };
+    let rows_corrected = if args.correct_rows {
+        estimator.correct_rows(pair, &mut images)?.map(RowsCorrected::from)
+    } else {
+        None
+    };
     if let Some(folder) = &args.save_pairs {
         save_pair(&pair_folder(folder, sets.len(), &set.name), &pair.name, &truth, &images)?;
     }
@@ -265,6 +254,7 @@ fn evaluate_pair(
         region: region.name(),
         scores: score(&truth.disparity_px, mask, &px, &filled),
         cpu_ms: estimate.cpu_ms,
+        rows_corrected,
     });
     let rows = rows.collect();
     statistics.subpixel.add(&truth.disparity_px, truth.visible(), &px);
@@ -359,88 +349,6 @@ pub(super) fn check_size(
 
 fn roots(sets: &[Set]) -> impl Iterator<Item = &Path> {
     sets.iter().map(|set| set.root.as_path())
-}
-
-/// Computes disparity maps, with one matcher for each image size.
-struct Matchers<'a> {
-    args: &'a EvaluateStereo,
-    config: &'a Config,
-    of_size: HashMap<(usize, usize), Box<dyn Matcher>>,
-}
-
-impl Estimator for Matchers<'_> {
-    fn estimate(
-        &mut self,
-        _set: &str,
-        pair: &TruthPair,
-        images: &Images,
-    ) -> Result<Option<Estimate>, CommandError> {
-        let (width, height) = (images.width, images.height);
-        let matcher = match self.of_size.entry((width, height)) {
-            std::collections::hash_map::Entry::Occupied(entry) => entry.into_mut(),
-            std::collections::hash_map::Entry::Vacant(entry) => {
-                let disparities = usize::from(self.args.max_disparity);
-                let method = self.args.method.unwrap_or(Method::configured(self.config));
-                let backend = self.args.backend.unwrap_or(Backend::configured(self.config));
-                let matcher = method
-                    .matcher(backend, self.config, width, height, disparities)
-                    .map_err(|error| CommandError::Other(format!("{}: {error}", pair.left.display())))?;
-                entry.insert(matcher)
-            }
-        };
-        let left = GreyView::new(&images.left, width, height, width)?;
-        let right = GreyView::new(&images.right, width, height, width)?;
-        let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
-        let mut cpu_ms = Vec::new();
-        for _ in 0..self.args.repeat {
-            let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
-            let start = messages::clock::process_cpu_ns();
-            matcher.compute(left, right, output)?;
-            cpu_ms.push((messages::clock::process_cpu_ns() - start) as f64 * 1e-6);
-        }
-        let cpu_ms = Some(tools::reporting::record::tidy(median(&mut cpu_ms)));
-        Ok(Some(Estimate { disparity, confidence: Some(confidence), cpu_ms }))
-    }
-
-    fn workspace_bytes(&self) -> Option<usize> {
-        self.of_size.values().map(|matcher| matcher.workspace_bytes()).max()
-    }
-}
-
-/// Reads disparity maps from files.
-struct Maps<'a> {
-    folder: &'a Path,
-}
-
-/// Possible paths of a pair's map; the second is where `--out` writes it.
-fn map_paths(folder: &Path, set: &str, pair: &str) -> [PathBuf; 3] {
-    let file = format!("{pair}.png");
-    [folder.join(set).join(&file), folder.join(set).join("disparity").join(&file), folder.join(&file)]
-}
-
-impl Estimator for Maps<'_> {
-    fn estimate(
-        &mut self,
-        set: &str,
-        pair: &TruthPair,
-        images: &Images,
-    ) -> Result<Option<Estimate>, CommandError> {
-        let Some(path) = map_paths(self.folder, set, &pair.name).into_iter().find(|path| path.is_file())
-        else {
-            return Ok(None);
-        };
-        let (disparity, width, height) = map_file::read_estimate(&path)?;
-        let expected = (images.width, images.height);
-        if (width, height) != expected {
-            let size = (width, height);
-            return Err(TruthError::Size { path, size, other: pair.left.clone(), expected }.into());
-        }
-        Ok(Some(Estimate { disparity, confidence: None, cpu_ms: None }))
-    }
-
-    fn workspace_bytes(&self) -> Option<usize> {
-        None
-    }
 }
 
 /// The canonical path of a file that may not exist yet.

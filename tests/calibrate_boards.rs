@@ -119,6 +119,23 @@ fn a_charuco_board_that_is_partly_in_sight_calibrates_fisheye_lenses() {
     let (middle, largest) = (sigma["middle"].as_f64().unwrap(), sigma["largest"].as_f64().unwrap());
     assert!(0.0 < middle && middle < largest && largest < 20.0, "{sigma}");
     assert!(bench.path("report/projection.png").is_file());
+    // For other programs: the corners, of which no picture shows all, and the maps.
+    let text = |name: &str| std::fs::read_to_string(bench.path("report").join(name)).unwrap();
+    let corners = text("corners.vnl");
+    let lines: Vec<Vec<&str>> = corners.lines().skip(1).map(|line| line.split(' ').collect()).collect();
+    assert_eq!(lines.len() as u64, 2 * 70 * json["pairs_used"].as_u64().unwrap());
+    let (seen, unseen): (Vec<_>, Vec<_>) = lines.iter().partition(|line| line[3] == "0");
+    assert!(
+        seen.len() > 1000 && !unseen.is_empty() && unseen.iter().all(|line| line[1..] == ["0", "0", "-1"])
+    );
+    let map = text("projection.csv");
+    let mut map = map.lines();
+    let corner_px: f64 = map.next().unwrap().split(' ').nth(2).unwrap().parse().unwrap();
+    assert!((0.005..0.1).contains(&corner_px), "{corner_px}");
+    assert_eq!(map.next().unwrap(), "camera,x_px,y_px,distance_m,sigma_px,independent_px");
+    let cells: Vec<Vec<&str>> = map.map(|line| line.split(',').collect()).collect();
+    assert!(cells.len() > 300 && cells.iter().any(|cell| cell[0] == "right" && cell[3] == "inf"));
+    assert!(cells.iter().all(|cell| cell[5].parse::<f64>().unwrap() > 0.0), "{cells:?}");
     // The rectified pair is a pinhole camera of a field of view that can be chosen.
     let width_deg =
         |rig: &RigFile| 2.0 * (SIZE.0 as f64 / 2.0 / rig.rectification.rig.focal_px).atan().to_degrees();

@@ -44,7 +44,9 @@ pub use pose::Pose;
 pub use projection::ProjectionUncertainty;
 pub use rectification::{Crop, Rectification, RectificationError};
 pub use right_turn::RightTurn;
-pub use stereo::{CalibrationError, Pair, StereoCalibration, ViewFault, calibrate, calibrate_all};
+pub use stereo::{
+    CalibrationError, Pair, StereoCalibration, ViewFault, calibrate, calibrate_all, calibrate_simultaneous,
+};
 pub use verdict::{Grade, Reason, Verdict, judge};
 
 #[cfg(test)]

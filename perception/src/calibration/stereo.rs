@@ -99,6 +99,10 @@ pub struct StereoCalibration {
     pub uncertainty: Uncertainty,
     /// Uncertainty of where the cameras see a point.
     pub projection: ProjectionUncertainty,
+    /// The same if the errors of all corners were independent, as other programs state it.
+    pub independent: ProjectionUncertainty,
+    /// Standard deviation of a corner's coordinate, in pixels.
+    pub corner_sigma_px: f64,
     /// The rectified pair.
     pub rectification: Rectification,
     /// Root mean square reprojection error over the used views, with one board pose for both images, in pixels.
@@ -132,7 +136,21 @@ pub fn calibrate(
     lens: Lens,
     crop: Crop,
 ) -> Result<StereoCalibration, CalibrationError> {
-    solve(board, size, pairs, lens, crop, true)
+    solve(board, size, pairs, lens, crop, Selective(true), Exposures::Apart)
+}
+
+/// [`calibrate`] for cameras that expose at the same moment: the board has not moved between the pictures of a pair.
+///
+/// # Errors
+/// As [`calibrate`].
+pub fn calibrate_simultaneous(
+    board: &Board,
+    size: (usize, usize),
+    pairs: &[Pair],
+    lens: Lens,
+    crop: Crop,
+) -> Result<StereoCalibration, CalibrationError> {
+    solve(board, size, pairs, lens, crop, Selective(true), Exposures::Together)
 }
 
 /// [`calibrate`] without rejection of views, for comparison with calibrations that use all views.
@@ -146,7 +164,18 @@ pub fn calibrate_all(
     lens: Lens,
     crop: Crop,
 ) -> Result<StereoCalibration, CalibrationError> {
-    solve(board, size, pairs, lens, crop, false)
+    solve(board, size, pairs, lens, crop, Selective(false), Exposures::Apart)
+}
+
+/// Whether views that do not fit are left out.
+#[derive(Clone, Copy)]
+struct Selective(bool);
+
+/// Whether the board may have moved between the two exposures of a pair.
+#[derive(Clone, Copy, PartialEq)]
+enum Exposures {
+    Apart,
+    Together,
 }
 
 /// The used views with their estimate, and what was rejected.
@@ -327,7 +356,8 @@ fn solve(
     pairs: &[Pair],
     lens: Lens,
     crop: Crop,
-    selective: bool,
+    Selective(selective): Selective,
+    exposures: Exposures,
 ) -> Result<StereoCalibration, CalibrationError> {
     if pairs.len() < MIN_VIEWS {
         return Err(CalibrationError::TooFew { given: pairs.len() });
@@ -338,7 +368,11 @@ fn solve(
     let flat = start::solve(&points, &all, size, lens).ok_or(CalibrationError::Undetermined)?;
     let mut selection = select(&points, all.clone(), flat.state, lens, selective)?;
     let chosen: Vec<View> = selection.used.iter().map(|&i| selection.views[i].clone()).collect();
-    let (solution, shift_cost) = adjust_with_shifts(&points, lens, &chosen, selection.state.clone())?;
+    let state = selection.state.clone();
+    let (solution, shift_cost) = match exposures {
+        Exposures::Apart => adjust_with_shifts(&points, lens, &chosen, state)?,
+        Exposures::Together => (adjust(&points, lens, &chosen, state, RIGID, f64::INFINITY)?, RIGID),
+    };
     let cameras = [solution.state.cameras[0], solution.state.cameras[1]];
     let between = solution.state.between;
     let rectification = Rectification::new(&cameras, &between, size, crop)?;
@@ -368,6 +402,9 @@ fn solve(
     });
     let projection = ProjectionUncertainty::new(&problem, &solution, covariance, noise)
         .ok_or(CalibrationError::Undetermined)?;
+    let independent = Uncertainty::independent(&solution, noise).ok_or(CalibrationError::Undetermined)?;
+    let independent = ProjectionUncertainty::new(&problem, &solution, independent, noise)
+        .ok_or(CalibrationError::Undetermined)?;
     Ok(StereoCalibration {
         cameras,
         lens,
@@ -377,6 +414,8 @@ fn solve(
         stretch_sigma,
         uncertainty,
         projection,
+        independent,
+        corner_sigma_px: noise.sqrt(),
         rectification,
         rms_px,
         rms_sides_px,

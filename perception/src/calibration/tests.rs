@@ -109,6 +109,27 @@ fn exact_corners_give_exact_cameras() {
 }
 
 #[test]
+fn who_says_that_the_cameras_expose_together_gets_no_motion_of_the_board() {
+    let bench = Bench::new(14, 3);
+    let pairs = bench.pairs(0.1, 5);
+    let simultaneous =
+        calibrate_simultaneous(&bench.board, SIZE, &pairs, Lens::Radial2, Crop::Valid).unwrap();
+    assert!((simultaneous.corner_sigma_px - 0.1).abs() < 0.01, "{}", simultaneous.corner_sigma_px);
+    let far = |of: &ProjectionUncertainty| of.far_sigma_px(0, SIZE).unwrap().1;
+    assert!(far(&simultaneous.projection) > 0.7 * far(&simultaneous.independent));
+    // A board that moves between the exposures is taken for errors of its corners then.
+    let mut moved = pairs;
+    for (i, pair) in moved.iter_mut().enumerate() {
+        let by = Vector2::new(0.0, if i % 2 == 0 { 0.15 } else { -0.15 });
+        pair.right.iter_mut().flatten().for_each(|corner| *corner += by);
+    }
+    let apart = bench.calibrate(&moved);
+    let together = calibrate_simultaneous(&bench.board, SIZE, &moved, Lens::Radial2, Crop::Valid).unwrap();
+    assert!((apart.corner_sigma_px - 0.1).abs() < 0.015, "{}", apart.corner_sigma_px);
+    assert!(together.corner_sigma_px > 1.1 * apart.corner_sigma_px, "{}", together.corner_sigma_px);
+}
+
+#[test]
 fn parameters_lie_within_their_stated_uncertainty() {
     let (mut squares, mut count) = (0.0, 0);
     let mut worst = 0.0_f64;

@@ -50,13 +50,18 @@ fn far(cameras: &[Camera; 2], between: &Pose, pixel: Vector2<f64>) -> Option<Vec
 }
 
 impl Uncertainty {
+    /// The covariance of the shared parameters if the errors of all corners were independent; `noise` is the variance of a corner
+    /// coordinate in px². `None` if the views do not determine all parameters.
+    pub fn independent(solution: &Solution, noise: f64) -> Option<DMatrix<f64>> {
+        Some(solution.information()?.cholesky()?.inverse() * noise)
+    }
+
     /// The covariance of the shared parameters; `noise` is the variance of a corner coordinate in px². `None` if
     /// the views do not determine all parameters.
     pub fn covariance(solution: &Solution, noise: f64) -> Option<DMatrix<f64>> {
-        let n = solution.shares.first()?.gradient.len();
-        let views = solution.shares.len() as f64;
-        let information = solution.shares.iter().fold(DMatrix::zeros(n, n), |sum, s| sum + &s.information);
-        let independent = information.clone().cholesky()?.inverse() * noise;
+        let information = solution.information()?;
+        let independent = Self::independent(solution, noise)?;
+        let (n, views) = (information.nrows(), solution.shares.len() as f64);
         let mut steps = Vec::with_capacity(solution.shares.len());
         for share in &solution.shares {
             steps.push((&information - &share.information).cholesky()?.solve(&share.gradient));

@@ -1,9 +1,11 @@
 //! Calibrates a stereo pair from a folder of images of a calibration board and grades the result.
 
+mod corner_list;
 pub mod drive;
 pub mod live;
 mod pictures;
 pub mod print;
+mod projection_map;
 pub mod report;
 
 pub use pictures::{PicturePair, Pictures, PicturesError};
@@ -13,7 +15,7 @@ use perception::calibration::finder::{self, ordered_alike};
 use perception::calibration::homography;
 use perception::calibration::{
     Board, Crop, Grade, Lens, NoBoard, Pair, Places, Reason, Sighting, StereoCalibration, Verdict, calibrate,
-    calibrate_all, judge,
+    calibrate_all, calibrate_simultaneous, judge,
 };
 use perception::image::GreyView;
 use rustix::time::{ClockId, clock_gettime};
@@ -38,6 +40,8 @@ pub struct Request<'a> {
     pub lens: Lens,
     /// Rectification of the pair.
     pub crop: Crop,
+    /// Whether both cameras expose at the same moment, so that the board does not move between the pictures of a pair.
+    pub simultaneous: bool,
     /// Whether to calibrate from all views as well, including outliers.
     pub cross_validate: bool,
 }
@@ -53,6 +57,8 @@ pub struct Outcome {
     pub views: Vec<PicturePair>,
     /// Their corners.
     pub corners: Vec<Pair>,
+    /// The board.
+    pub board: Board,
     /// Number of image pairs in the folder.
     pub pairs: usize,
     /// Images in which the board was not detected: file and reason.
@@ -117,6 +123,7 @@ pub fn run(request: &Request<'_>, progress: &(dyn Fn(usize, usize) + Sync)) -> O
         calibration: None,
         views: Vec::new(),
         corners: Vec::new(),
+        board: request.board,
         pairs: 0,
         without: Vec::new(),
         picture_ms: Vec::new(),
@@ -138,6 +145,7 @@ fn attempt(
     let Some(size) = size else { return Err(format!("{}: no pairs", request.folder.display())) };
     thin_out(outcome, board, size);
     let names: Vec<String> = outcome.views.iter().map(|p| p.name.clone()).collect();
+    let calibrate = if request.simultaneous { calibrate_simultaneous } else { calibrate };
     let result = calibrate(board, size, &outcome.corners, request.lens, request.crop);
     let mut verdict = match &result {
         Ok(calibration) => judge(calibration, &names),

@@ -1,9 +1,8 @@
 //! Calibration report: an HTML page with diagnostic plots.
 
-use super::Outcome;
+use super::{Outcome, corner_list, projection_map};
 use crate::reporting::picture::{Colour, Picture, PictureError};
 use crate::reporting::plot::{Series, bars};
-use nalgebra::Vector2;
 use perception::calibration::{Lens, StereoCalibration};
 use perception::image::GreyView;
 use perception::rectify::Remap;
@@ -78,8 +77,16 @@ pub fn write(folder: &Path, outcome: &Outcome) -> Result<(), ReportError> {
             "projection.png",
             "Uncertainty of projection: standard deviation in px, in the worst direction, of where a point at this distance \
              appears; red from 0.5 px on",
-            projection(c),
+            projection_map::picture(c),
         )?;
+        let texts = [
+            ("projection.csv", projection_map::table(c)),
+            ("corners.vnl", corner_list::text(&outcome.board, &outcome.views, &outcome.corners, c)),
+        ];
+        for (name, text) in texts {
+            let path = folder.join(name);
+            std::fs::write(&path, text).map_err(io(&path))?;
+        }
     }
     let path = folder.join("index.html");
     std::fs::write(&path, page(outcome, &figures)).map_err(io(&path))
@@ -198,47 +205,6 @@ fn coverage(outcome: &Outcome, c: &StereoCalibration) -> Picture {
             }
         }
         picture.text(&format!("{:.0} % of the cells", 100.0 * c.coverage[side]), from as i32 + 6, 6, INK);
-    }
-    picture
-}
-
-/// Cells of an uncertainty map, along a row and down a column.
-const MAP_CELLS: (usize, usize) = (10, 8);
-
-/// Uncertainty of projection from which a cell is red, in pixels.
-const MAP_RED_PX: f64 = 0.5;
-
-/// Maps of the uncertainty of projection: left camera above, right camera below; at the boards' distance, at 10 m, far away.
-fn projection(c: &StereoCalibration) -> Picture {
-    const CELL: (usize, usize) = (40, 26);
-    const GAP: usize = 26;
-    let (columns, rows) = MAP_CELLS;
-    let (wide, high) = (columns * CELL.0 + GAP, rows * CELL.1 + GAP);
-    let distances_m = [c.projection.board_distance_m(), 10.0, f64::INFINITY];
-    let mut picture = Picture::new(3 * wide, 2 * high, GROUND);
-    for (side, name) in ["left", "right"].into_iter().enumerate() {
-        for (k, distance_m) in distances_m.into_iter().enumerate() {
-            let (x0, y0) = ((k * wide) as i32, (side * high) as i32);
-            let place =
-                if distance_m.is_finite() { format!("{distance_m:.1} m") } else { "far away".to_owned() };
-            picture.text(&format!("{name}, {place}"), x0 + 2, y0 + 6, INK);
-            for i in 0..columns * rows {
-                let (column, row) = (i % columns, i / columns);
-                let at = |cell: usize, cells: usize, size: usize| {
-                    (cell as f64 + 0.5) / cells as f64 * size as f64 - 0.5
-                };
-                let (width, height) = c.rectification.size;
-                let pixel = Vector2::new(at(column, columns, width), at(row, rows, height));
-                let (x, y) = (x0 + (column * CELL.0) as i32, y0 + (GAP + row * CELL.1) as i32);
-                let Some(sigma_px) = c.projection.sigma_px(side, pixel, distance_m) else { continue };
-                let share = (sigma_px / MAP_RED_PX).min(1.0);
-                let colour =
-                    [(30.0 + 190.0 * share) as u8, (110.0 - 60.0 * share) as u8, (90.0 - 50.0 * share) as u8];
-                picture.fill([x, y, CELL.0 as i32 - 1, CELL.1 as i32 - 1], colour);
-                let digits = if sigma_px < 9.95 { 2 } else { 0 };
-                picture.text(&format!("{sigma_px:.digits$}"), x + 3, y + 8, INK);
-            }
-        }
     }
     picture
 }

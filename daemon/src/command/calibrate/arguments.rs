@@ -74,7 +74,8 @@ pub struct Calibrate {
     /// Output: rig file
     #[arg(short, long, value_name = "RIG.toml")]
     pub out: PathBuf,
-    /// Folder for an HTML report with residuals, coverage and a rectified pair
+    /// Folder for an HTML report with residuals, coverage and a rectified pair; projection.csv has its maps of the
+    /// uncertainty of projection, corners.vnl the corners for other programs (mrcal)
     #[arg(long, value_name = "DIR")]
     pub report: Option<PathBuf>,
     /// Distortion model: radial2 has k1 k2 p1 p2; radial3 adds k3; rational adds k3 to k6 (wide angle,
@@ -83,6 +84,10 @@ pub struct Calibrate {
     pub lens: LensChoice,
     #[command(flatten)]
     pub crop: CropArgs,
+    /// The cameras expose at the same moment, by a common trigger: the board does not move between the pictures
+    /// of a pair. Without this its motion is estimated
+    #[arg(long, conflicts_with = "from_drive")]
+    pub simultaneous: bool,
     /// Also solve with all pairs, without rejecting inconsistent ones, and cross-validate: calibrate on
     /// one half of the views, evaluate on the other
     #[arg(long)]

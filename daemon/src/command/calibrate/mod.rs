@@ -145,6 +145,7 @@ pub fn run(args: &Calibrate, log: Option<&str>) -> Result<(), CommandError> {
         board,
         lens: args.lens.into(),
         crop: args.crop.into(),
+        simultaneous: args.simultaneous,
         cross_validate: args.cross_validate,
     };
     let outcome = calibrate(&request, &|done, all| {

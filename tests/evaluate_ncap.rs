@@ -43,6 +43,14 @@ fn without_rules_nothing_is_warned_of_and_the_page_says_so() {
     assert_eq!((&run["passed"], &run["is_warning_only"]), (&false.into(), &true.into()), "{report}");
     assert!(run["reasons"][0].as_str().is_some_and(|why| why.starts_with("warning late")), "{report}");
     assert_eq!(json(&bench.path("out/evaluation.json")), report);
+    // The same runs, in the order in which they ended.
+    let ended = std::fs::read_to_string(bench.path("out/runs.jsonl")).unwrap();
+    let mut ended: Vec<Value> = ended.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let mut runs = report["runs"].as_array().unwrap().clone();
+    for list in [&mut ended, &mut runs] {
+        list.sort_by_key(|run| run["id"].as_str().unwrap().to_owned());
+    }
+    assert_eq!(ended, runs);
     let page = std::fs::read_to_string(bench.path("out/index.html")).unwrap();
     assert!(page.contains("w1.7*") && page.contains("warning late") && page.contains("image/jpeg"), "{page}");
     // The scene of the run is a scene like any other.

@@ -1,7 +1,8 @@
-//! Output of commands: lines on standard output, progress bars on a terminal.
+//! Output of commands: lines on standard output, progress on standard error.
 
 use crate::command::error::CommandError;
-use indicatif::{ProgressBar, ProgressStyle};
+use crate::command::progress_lines::ProgressLines;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::fmt;
 use std::io::{self, IsTerminal, Write};
 
@@ -16,15 +17,23 @@ pub fn say(text: impl fmt::Display) -> Result<(), CommandError> {
     }
 }
 
-/// A progress bar on standard error if that is a terminal, otherwise a hidden one.
+/// Progress on standard error: a bar if that is a terminal, otherwise a line a minute.
 pub fn progress(count: Option<u64>, what: &str) -> ProgressBar {
-    if !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let (bar, template) = match count {
-        Some(count) => (ProgressBar::new(count), format!("{{wide_bar}} {{pos}}/{{len}} {what}, {{msg}}")),
-        None => (ProgressBar::no_length(), format!("{{spinner}} {{pos}} {what}, {{msg}}")),
+    let is_terminal = io::stderr().is_terminal();
+    let target = if is_terminal {
+        ProgressDrawTarget::stderr()
+    } else {
+        ProgressDrawTarget::term_like_with_hz(Box::new(ProgressLines::new(io::stderr())), 1)
     };
+    let template = match (is_terminal, count) {
+        (true, Some(_)) => format!("{{wide_bar}} {{pos}}/{{len}} {what}, {{msg}}"),
+        (true, None) => format!("{{spinner}} {{pos}} {what}, {{msg}}"),
+        (false, Some(_)) => {
+            format!("{{pos}} of {{len}} {what} in {{elapsed_precise}}, about {{eta_precise}} left")
+        }
+        (false, None) => format!("{{pos}} {what} in {{elapsed_precise}}"),
+    };
+    let bar = ProgressBar::with_draw_target(count, target);
     match ProgressStyle::with_template(&template) {
         Ok(style) => bar.with_style(style),
         Err(_) => bar,

@@ -28,6 +28,7 @@ mod odometry;
 mod one_pair;
 mod own_motion;
 mod point_cloud;
+mod progress_lines;
 mod record;
 mod rectify;
 mod replay;

@@ -13,10 +13,13 @@ use clap::builder::PossibleValuesParser;
 use sources::scene::file::{NamedRig, Weather};
 use sources::scene::ncap::case::{Case, Selection, names};
 use sources::scene::ncap::text;
+use std::fs::File;
+use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use tools::evaluation::files::{prepare, write_report};
 use tools::evaluation::ncap::page::{Still, to_html};
-use tools::evaluation::ncap::report::{NcapReport, Setup};
+use tools::evaluation::ncap::report::{NcapReport, Run, Setup};
 use tools::reporting::output::OutputError;
 
 /// Text below the options of `--help`.
@@ -85,7 +88,7 @@ pub struct EvaluateNcap {
     /// Runs that are processed at the same time
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=64))]
     pub threads: u64,
-    /// Folder for the page, the scenes, and evaluation.json
+    /// Folder for the page, the scenes, evaluation.json, and runs.jsonl, which has each run as soon as it has ended
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Print as JSON
@@ -149,12 +152,16 @@ pub fn run(args: &EvaluateNcap, log: Option<&str>) -> Result<(), CommandError> {
         prepare(out, &[])?;
         write_scenes(out, &cases)?;
     }
+    let ended = args.out.as_ref().map(|out| EndedRuns::new(&out.join("runs.jsonl"))).transpose()?;
     let bar = progress(Some(cases.len() as u64), "runs");
     let played = in_parallel(&cases, args.threads, |case| {
         bar.set_message(case.id());
-        let played = play(case, &config, args.out.is_some());
+        let played = play(case, &config, args.out.is_some())?;
+        if let Some(ended) = &ended {
+            ended.add(&played.run)?;
+        }
         bar.inc(1);
-        played
+        Ok(played)
     })?;
     bar.finish_and_clear();
     let (mut runs, mut films): (Vec<_>, Vec<(usize, Vec<Still>)>) = (Vec::new(), Vec::new());
@@ -183,4 +190,25 @@ fn write_scenes(out: &Path, cases: &[Case]) -> Result<(), CommandError> {
         std::fs::write(&path, text::text(case)).map_err(|source| OutputError::Io { path, source })?;
     }
     Ok(())
+}
+
+/// The file of the runs that have ended, a JSON document a line: an evaluation that is stopped loses none.
+struct EndedRuns {
+    path: PathBuf,
+    file: Mutex<File>,
+}
+
+impl EndedRuns {
+    fn new(path: &Path) -> Result<Self, CommandError> {
+        let file = File::create(path).map_err(|source| OutputError::Io { path: path.to_owned(), source })?;
+        Ok(Self { path: path.to_owned(), file: Mutex::new(file) })
+    }
+
+    fn add(&self, run: &Run) -> Result<(), CommandError> {
+        let line = serde_json::to_string(run)? + "\n";
+        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        file.write_all(line.as_bytes())
+            .map_err(|source| OutputError::Io { path: self.path.clone(), source })?;
+        Ok(())
+    }
 }

@@ -7,6 +7,7 @@ use perception::calibration::{Board, Camera, Distortion, Pose};
 use serde_json::Value;
 use sources::chessboard::{BoardRenderer, Conditions, poses};
 use sources::rig_file::RigFile;
+use std::collections::HashSet;
 use std::path::Path;
 use std::process::Command;
 
@@ -124,6 +125,9 @@ fn a_charuco_board_that_is_partly_in_sight_calibrates_fisheye_lenses() {
     let corners = text("corners.vnl");
     let lines: Vec<Vec<&str>> = corners.lines().skip(1).map(|line| line.split(' ').collect()).collect();
     assert_eq!(lines.len() as u64, 2 * 70 * json["pairs_used"].as_u64().unwrap());
+    let names: HashSet<&str> = lines.iter().map(|line| line[0]).collect();
+    assert!(names.contains("left/00.png") && names.contains("right/00.png"), "{names:?}");
+    assert_eq!(names.len() * 70, lines.len(), "a name for each image");
     let (seen, unseen): (Vec<_>, Vec<_>) = lines.iter().partition(|line| line[3] == "0");
     assert!(
         seen.len() > 1000 && !unseen.is_empty() && unseen.iter().all(|line| line[1..] == ["0", "0", "-1"])

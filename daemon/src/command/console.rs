@@ -29,9 +29,9 @@ pub fn progress(count: Option<u64>, what: &str) -> ProgressBar {
         (true, Some(_)) => format!("{{wide_bar}} {{pos}}/{{len}} {what}, {{msg}}"),
         (true, None) => format!("{{spinner}} {{pos}} {what}, {{msg}}"),
         (false, Some(_)) => {
-            format!("{{pos}} of {{len}} {what} in {{elapsed_precise}}, about {{eta_precise}} left")
+            format!("{{pos}} of {{len}} {what} in {{elapsed_precise}}, about {{eta_precise}} left; {{msg}}")
         }
-        (false, None) => format!("{{pos}} {what} in {{elapsed_precise}}"),
+        (false, None) => format!("{{pos}} {what} in {{elapsed_precise}}; {{msg}}"),
     };
     let bar = ProgressBar::with_draw_target(count, target);
     match ProgressStyle::with_template(&template) {

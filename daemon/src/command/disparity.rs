@@ -8,12 +8,14 @@ use crate::command::number::{number, whole};
 use crate::input::{first_pairs, interpretation};
 use crate::stages::stereo::matcher::{Backend, Method};
 use clap::Args;
-use perception::image::GreyView;
+use perception::image::{GreyImage, GreyView};
 use perception::simd::Level;
 use perception::stereo::device::STAGES;
+use perception::stereo::epipolar::correction::DEFAULT_LIMIT_PX;
+use perception::stereo::epipolar::field::RowField;
 use perception::stereo::epipolar::single_pair;
 use perception::stereo::reliability::{Reliability, scores};
-use perception::stereo::{DisparityView, MatchOutput, Matcher};
+use perception::stereo::{DisparityView, MatchError, MatchOutput, Matcher};
 use serde::Serialize;
 use sources::check_two_files;
 use sources::picture::{Decoded, Interpretation, scaled_note};
@@ -58,7 +60,7 @@ pub struct Disparity {
     #[arg(long, value_enum)]
     pub backend: Option<Backend>,
     /// Measure by the matches how far the rows of the images are misaligned, correct those of the right image, and match
-    /// again, as the daemon does while it runs; times are of the second match
+    /// again; times are of the second match. The daemon does so while it runs, from a quarter of a pixel on
     #[arg(long)]
     pub correct_rows: bool,
     /// Run the matcher this many times; times are medians
@@ -214,6 +216,58 @@ pub fn median(times: &mut [f64]) -> f64 {
     times.get(times.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
+/// The right image with its rows corrected, and by how much; `None`, with a warning, where the pair does not tell.
+fn rows_corrected(
+    matcher: &mut dyn Matcher,
+    left: GreyView<'_>,
+    right: GreyView<'_>,
+) -> Result<Option<(RowField, GreyImage)>, MatchError> {
+    let corrected = single_pair::corrected(Level::best(), matcher, left, right)?;
+    if corrected.is_none() {
+        tracing::warn!(
+            "the matches do not tell for certain how far the rows are misaligned, or it is more than {DEFAULT_LIMIT_PX} px: the rows stay \
+             as they are"
+        );
+    }
+    Ok(corrected)
+}
+
+/// Times of the runs, in ms, and how often the resolution of the last one was halved.
+#[derive(Default)]
+struct Times {
+    halved: u32,
+    cpu_ms: Vec<f64>,
+    wall_ms: Vec<f64>,
+    /// Of each GPU stage, and the sum over all of a run.
+    stages_ms: [Vec<f64>; STAGES.len()],
+    total_ms: Vec<f64>,
+}
+
+impl Times {
+    /// Matches a pair and adds its times; `budget_ms` is the time limit, 0 for none.
+    fn add(
+        &mut self,
+        matcher: &mut dyn Matcher,
+        left: GreyView<'_>,
+        right: GreyView<'_>,
+        output: MatchOutput<'_>,
+        budget_ms: f64,
+    ) -> Result<(), MatchError> {
+        let (cpu, wall) = (messages::clock::process_cpu_ns(), Instant::now());
+        let mut go_on = || budget_ms <= 0.0 || wall.elapsed().as_secs_f64() * 1e3 < budget_ms;
+        self.halved = matcher.compute_within(left, right, output, &mut go_on)?;
+        if let Some(device) = matcher.device().filter(|device| !device.stages.is_empty()) {
+            for (times, stage) in self.stages_ms.iter_mut().zip(device.stages) {
+                times.push(stage.ns as f64 * 1e-6);
+            }
+            self.total_ms.push(device.stages.iter().map(|stage| stage.ns as f64 * 1e-6).sum());
+        }
+        self.cpu_ms.push((messages::clock::process_cpu_ns() - cpu) as f64 * 1e-6);
+        self.wall_ms.push(wall.elapsed().as_secs_f64() * 1e3);
+        Ok(())
+    }
+}
+
 pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     let config = load(&args.config, log, "disparity", None)?;
     check_ending(&args.out, true)?;
@@ -234,35 +288,16 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     let mut matcher = method
         .matcher(backend, &config, width, height, disparities)
         .map_err(|error| CommandError::Other(format!("{}: {error}", args.left.display())))?;
-    let corrected = if args.correct_rows {
-        single_pair::corrected(Level::best(), &mut *matcher, left, right)?
-    } else {
-        None
-    };
+    let corrected = if args.correct_rows { rows_corrected(&mut *matcher, left, right)? } else { None };
     if let Some((_, image)) = &corrected {
         right = image.view();
-    } else if args.correct_rows {
-        tracing::warn!("too few matches tell how far the rows are misaligned: they stay as they are");
     }
-    let rows_corrected = corrected.as_ref().map(|(field, _)| RowsCorrected::from(*field));
-    let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
-    let (mut cpu_ms, mut wall_ms, mut total_ms) = (Vec::new(), Vec::new(), Vec::new());
-    let mut stages_ms = STAGES.map(|_| Vec::new());
-    let mut halved = 0;
     let budget_ms = args.budget_ms.unwrap_or(config.stereo.budget_ms);
+    let (mut disparity, mut confidence) = (vec![0; width * height], vec![0; width * height]);
+    let mut times = Times::default();
     for _ in 0..args.repeat {
-        let (cpu, wall) = (messages::clock::process_cpu_ns(), Instant::now());
         let output = MatchOutput { disparity: &mut disparity, confidence: &mut confidence };
-        let mut go_on = || budget_ms <= 0.0 || wall.elapsed().as_secs_f64() * 1e3 < budget_ms;
-        halved = matcher.compute_within(left, right, output, &mut go_on)?;
-        if let Some(device) = matcher.device().filter(|device| !device.stages.is_empty()) {
-            for (times, stage) in stages_ms.iter_mut().zip(device.stages) {
-                times.push(stage.ns as f64 * 1e-6);
-            }
-            total_ms.push(device.stages.iter().map(|stage| stage.ns as f64 * 1e-6).sum());
-        }
-        cpu_ms.push((messages::clock::process_cpu_ns() - cpu) as f64 * 1e-6);
-        wall_ms.push(wall.elapsed().as_secs_f64() * 1e3);
+        times.add(&mut *matcher, left, right, output, budget_ms)?;
     }
     tools::reporting::picture::save_disparity(&args.out, &disparity, width, height)?;
     if let Some(path) = &args.color {
@@ -278,27 +313,27 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     }
     let view = DisparityView::new(&disparity, width, height)
         .ok_or_else(|| CommandError::Other("the disparity map and the image differ in size".into()))?;
-    let wall_ms_median = median(&mut wall_ms);
+    let wall_ms_median = median(&mut times.wall_ms);
     let figures = Figures {
-        device: DeviceFigures::new(&*matcher, wall_ms_median, &mut stages_ms, total_ms),
+        device: DeviceFigures::new(&*matcher, wall_ms_median, &mut times.stages_ms, times.total_ms),
         method,
         width,
         height,
         disparities,
         density: view.density(),
-        cpu_ms_median: median(&mut cpu_ms),
-        cpu_ms_min: cpu_ms[0],
+        cpu_ms_median: median(&mut times.cpu_ms),
+        cpu_ms_min: times.cpu_ms[0],
         wall_ms_median,
         workspace_bytes: matcher.workspace_bytes(),
-        scale: 1 << halved,
-        rows_corrected,
+        scale: 1 << times.halved,
+        rows_corrected: corrected.as_ref().map(|(field, _)| RowsCorrected::from(*field)),
         nodes_share: matcher.nodes() as f64 / (width * height * disparities) as f64,
     };
     if args.json {
         return say(serde_json::to_string_pretty(&figures)?);
     }
     let rows = figures.rows_corrected.map_or(String::new(), |rows| format!("\nrows corrected by {rows}"));
-    let scale = if halved == 0 { String::new() } else { format!(" at 1/{} scale", figures.scale) };
+    let scale = if times.halved == 0 { String::new() } else { format!(" at 1/{} scale", figures.scale) };
     say(format_args!(
         "{width}x{height}{scale}, {disparities} disparities: {:.1} % known, {:.1} ms of processor time \
              (median of {}), {:.3} of all nodes, workspace {:.1} MiB; {}{}{rows}",

@@ -76,7 +76,8 @@ impl<W: Write + std::fmt::Debug + Send> TermLike for ProgressLines<W> {
     fn flush(&self) -> io::Result<()> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let drawn = std::mem::take(&mut state.drawn);
-        let line = drawn.trim();
+        // Without a message nothing follows the semicolon.
+        let line = drawn.trim().trim_end_matches(';');
         if line.is_empty() || state.last.elapsed() < self.every {
             return Ok(());
         }
@@ -89,18 +90,31 @@ impl<W: Write + std::fmt::Debug + Send> TermLike for ProgressLines<W> {
 mod tests {
     use super::*;
 
-    fn printed(every: Duration) -> String {
-        let lines = ProgressLines::with_interval(Vec::new(), every);
-        for text in ["  3 of 10 runs  ", "", "4 of 10 runs"] {
-            lines.write_str(text).unwrap();
-            lines.flush().unwrap();
-        }
+    fn text(lines: ProgressLines<Vec<u8>>) -> String {
         String::from_utf8(lines.state.into_inner().unwrap().writer).unwrap()
     }
 
+    fn draw(lines: &ProgressLines<Vec<u8>>) {
+        for text in ["  3 of 10 runs; ", "", "4 of 10 runs; fast"] {
+            lines.write_str(text).unwrap();
+            lines.flush().unwrap();
+        }
+    }
+
     #[test]
-    fn what_a_bar_draws_becomes_lines_now_and_then() {
-        assert_eq!(printed(Duration::ZERO), "3 of 10 runs\n4 of 10 runs\n");
-        assert_eq!(printed(Duration::from_secs(3600)), "", "a short command prints none");
+    fn what_a_bar_draws_becomes_a_line_now_and_then() {
+        let always = ProgressLines::with_interval(Vec::new(), Duration::ZERO);
+        draw(&always);
+        assert_eq!(text(always), "3 of 10 runs\n4 of 10 runs; fast\n");
+        let hourly = ProgressLines::with_interval(Vec::new(), Duration::from_secs(3600));
+        draw(&hourly);
+        let Some(an_hour_ago) = Instant::now().checked_sub(Duration::from_secs(3601)) else { return };
+        hourly.state.lock().unwrap().last = an_hour_ago;
+        draw(&hourly);
+        assert_eq!(
+            text(hourly),
+            "3 of 10 runs\n",
+            "a short command prints none, a long one at most one an hour"
+        );
     }
 }

@@ -31,7 +31,9 @@ pub(super) fn corner_variance(solution: &Solution, views: &[View], shift_cost: f
     let shifts = solution.state.shifts.iter().map(Vector2::norm_squared).sum::<f64>() * shift_cost;
     let seen: usize = views.iter().flat_map(|v| &v.corners).flatten().flatten().count();
     let globals = solution.shares.first().map_or(0, |s| s.gradient.len());
-    let free = (2 * seen).saturating_sub(globals + 8 * views.len()).max(1);
+    // The pose of a board and, unless it rests, its motion.
+    let own = if shift_cost < RIGID { 8 } else { 6 };
+    let free = (2 * seen).saturating_sub(globals + own * views.len()).max(1);
     (solution.cost - if shift_cost < RIGID { shifts } else { 0.0 }).max(1e-12) / free as f64
 }
 

@@ -136,7 +136,7 @@ pub fn calibrate(
     lens: Lens,
     crop: Crop,
 ) -> Result<StereoCalibration, CalibrationError> {
-    solve(board, size, pairs, lens, crop, Selective(true), Exposures::Apart)
+    solve(board, size, pairs, lens, crop, Model { selective: true, is_rigid: false })
 }
 
 /// [`calibrate`] for cameras that expose at the same moment: the board has not moved between the pictures of a pair.
@@ -150,7 +150,7 @@ pub fn calibrate_simultaneous(
     lens: Lens,
     crop: Crop,
 ) -> Result<StereoCalibration, CalibrationError> {
-    solve(board, size, pairs, lens, crop, Selective(true), Exposures::Together)
+    solve(board, size, pairs, lens, crop, Model { selective: true, is_rigid: true })
 }
 
 /// [`calibrate`] without rejection of views, for comparison with calibrations that use all views.
@@ -164,18 +164,16 @@ pub fn calibrate_all(
     lens: Lens,
     crop: Crop,
 ) -> Result<StereoCalibration, CalibrationError> {
-    solve(board, size, pairs, lens, crop, Selective(false), Exposures::Apart)
+    solve(board, size, pairs, lens, crop, Model { selective: false, is_rigid: false })
 }
 
-/// Whether views that do not fit are left out.
+/// What is assumed of the views.
 #[derive(Clone, Copy)]
-struct Selective(bool);
-
-/// Whether the board may have moved between the two exposures of a pair.
-#[derive(Clone, Copy, PartialEq)]
-enum Exposures {
-    Apart,
-    Together,
+struct Model {
+    /// Whether views that do not fit are left out.
+    selective: bool,
+    /// Whether the board rests between the two exposures of a pair.
+    is_rigid: bool,
 }
 
 /// The used views with their estimate, and what was rejected.
@@ -206,15 +204,15 @@ fn adjust(
     problem.solve(state).ok_or(CalibrationError::Undetermined)
 }
 
-/// Adjusts and rejects corners and, if `selective`, views, until nothing more is rejected.
+/// Adjusts and rejects corners and, if the model is selective, views, until nothing more is rejected.
 fn select(
     points: &[Vector2<f64>],
     mut views: Vec<View>,
     mut state: State,
     lens: Lens,
-    selective: bool,
+    model: Model,
 ) -> Result<Selection, CalibrationError> {
-    let shift_cost = 1.0;
+    let shift_cost = if model.is_rigid { RIGID } else { 1.0 };
     let mut used: Vec<usize> = (0..views.len()).collect();
     let mut faults: Vec<Option<ViewFault>> = vec![None; views.len()];
     let mut rejected = vec![Vec::new(); views.len()];
@@ -225,8 +223,11 @@ fn select(
         let free = Free { lens, cameras: true, stretch: false, bend: chosen.len() >= MIN_VIEWS_TO_BEND };
         let problem = Problem { board: points, views: &chosen, free, huber_px: HUBER_PX, shift_cost };
         let mut again = reject_corners(&problem, &solution.state, &used, &mut views, &mut rejected);
-        let mut new_faults =
-            if selective { view_faults(&problem, &solution, &mut sigma) } else { vec![None; chosen.len()] };
+        let mut new_faults = if model.selective {
+            view_faults(&problem, &solution, &mut sigma)
+        } else {
+            vec![None; chosen.len()]
+        };
         // Of what is left of a view with most corners rejected no pose can be found.
         for (fault, &i) in new_faults.iter_mut().zip(&used) {
             let left = views[i].corners.iter().map(|side| side.iter().flatten().count()).min();
@@ -356,8 +357,7 @@ fn solve(
     pairs: &[Pair],
     lens: Lens,
     crop: Crop,
-    Selective(selective): Selective,
-    exposures: Exposures,
+    model: Model,
 ) -> Result<StereoCalibration, CalibrationError> {
     if pairs.len() < MIN_VIEWS {
         return Err(CalibrationError::TooFew { given: pairs.len() });
@@ -366,12 +366,13 @@ fn solve(
     let all: Vec<View> =
         pairs.iter().map(|p| View { corners: vec![p.left.clone(), p.right.clone()] }).collect();
     let flat = start::solve(&points, &all, size, lens).ok_or(CalibrationError::Undetermined)?;
-    let mut selection = select(&points, all.clone(), flat.state, lens, selective)?;
+    let mut selection = select(&points, all.clone(), flat.state, lens, model)?;
     let chosen: Vec<View> = selection.used.iter().map(|&i| selection.views[i].clone()).collect();
     let state = selection.state.clone();
-    let (solution, shift_cost) = match exposures {
-        Exposures::Apart => adjust_with_shifts(&points, lens, &chosen, state)?,
-        Exposures::Together => (adjust(&points, lens, &chosen, state, RIGID, f64::INFINITY)?, RIGID),
+    let (solution, shift_cost) = if model.is_rigid {
+        (adjust(&points, lens, &chosen, state, RIGID, f64::INFINITY)?, RIGID)
+    } else {
+        adjust_with_shifts(&points, lens, &chosen, state)?
     };
     let cameras = [solution.state.cameras[0], solution.state.cameras[1]];
     let between = solution.state.between;

@@ -25,7 +25,6 @@ pub struct Row {
     /// Processor time of the matcher, median of its runs, in ms; `None` for given maps.
     pub cpu_ms: Option<f64>,
     /// By how much the rows of the right image were corrected; `None` if they were not.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub rows_corrected: Option<RowsCorrected>,
 }
 
@@ -156,28 +155,29 @@ fn line(
     writeln!(f, "{:>8}", cell(cpu_ms, 1))
 }
 
-impl StereoReport {
-    /// The corrections of rows: their mean, and the smallest and largest offset.
-    fn rows(&self) -> String {
-        // A pair with two regions counts twice, as all do then.
-        let rows = self.sets.iter().flat_map(|set| &set.rows);
-        let mut of_pairs: Vec<RowsCorrected> = rows.filter_map(|row| row.rows_corrected).collect();
-        of_pairs.sort_by(|a, b| a.offset_px.total_cmp(&b.offset_px));
-        let (Some(first), Some(last)) = (of_pairs.first(), of_pairs.last()) else {
-            return "rows corrected: none, as too few points tell of them".into();
-        };
+impl SetReport {
+    /// How many pairs had their rows corrected, and by how much: the mean, and the smallest and largest offset in the middle.
+    fn rows_corrected(&self) -> String {
+        // A pair has a row for each region.
+        let of_pairs: BTreeMap<&str, Option<RowsCorrected>> =
+            self.rows.iter().map(|row| (row.name.as_str(), row.rows_corrected)).collect();
+        let corrected: Vec<RowsCorrected> = of_pairs.values().flatten().copied().collect();
+        let text = format!("rows corrected in {} of {} pairs", corrected.len(), of_pairs.len());
+        if corrected.is_empty() {
+            return text;
+        }
         let mean = |value: fn(&RowsCorrected) -> f64| {
-            of_pairs.iter().map(value).sum::<f64>() / of_pairs.len() as f64
+            corrected.iter().map(value).sum::<f64>() / corrected.len() as f64
         };
         let mean = RowsCorrected {
             offset_px: mean(|rows| rows.offset_px),
             across_px: mean(|rows| rows.across_px),
             down_px: mean(|rows| rows.down_px),
         };
-        format!(
-            "rows corrected: by {mean} (mean; {:+.2} to {:+.2} px in the middle)",
-            first.offset_px, last.offset_px
-        )
+        let offsets = || corrected.iter().map(|rows| rows.offset_px);
+        let (least, most) =
+            (offsets().fold(f64::INFINITY, f64::min), offsets().fold(f64::NEG_INFINITY, f64::max));
+        format!("{text}, by {mean} in the mean; {least:+.2} to {most:+.2} px in the middle")
     }
 }
 
@@ -206,6 +206,9 @@ impl fmt::Display for StereoReport {
             if set.unreadable > 0 {
                 writeln!(f, "unreadable pairs, skipped: {}; --strict stops there", set.unreadable)?;
             }
+            if self.correct_rows {
+                writeln!(f, "{}", set.rows_corrected())?;
+            }
             writeln!(f)?;
         }
         match &self.subpixel {
@@ -214,9 +217,6 @@ impl fmt::Display for StereoReport {
                 f,
                 "sub-pixel: pixel-locking bias not available: no estimate within 1 px of ground truth with sub-pixel values"
             )?,
-        }
-        if self.correct_rows {
-            writeln!(f, "{}", self.rows())?;
         }
         for range in &self.by_range {
             writeln!(f, "{range}")?;
@@ -305,5 +305,19 @@ mod tests {
         assert_eq!((&set["rows"][1]["name"], &set["rows"][1]["bad3"]), (&"2".into(), &8.0.into()));
         assert_eq!((&set["mean"]["all"]["bad3"], &set["mean"]["noc"]["images"]), (&10.0.into(), &1.into()));
         assert!(set["mean"]["all"]["val3"].is_null() && json["roc"].is_null());
+    }
+
+    #[test]
+    fn the_correction_of_rows_is_told_by_pairs() {
+        let mut report = report();
+        report.correct_rows = true;
+        assert!(report.to_string().contains("rows corrected in 0 of 2 pairs\n"), "{report}");
+        let rows = |offset_px: f64| Some(RowsCorrected { offset_px, across_px: 0.1, down_px: -0.2 });
+        for row in &mut report.sets[0].rows {
+            row.rows_corrected = rows(if row.name == "1" { 0.3 } else { -0.1 });
+        }
+        let expected = "rows corrected in 2 of 2 pairs, by +0.10 px in the middle, +0.10 px more at the right border, \
+                        -0.20 px more at the lower one in the mean; -0.10 to +0.30 px in the middle\n";
+        assert!(report.to_string().contains(expected), "{report}");
     }
 }

@@ -85,8 +85,8 @@ pub struct Calibrate {
     #[command(flatten)]
     pub crop: CropArgs,
     /// The cameras expose at the same moment, by a common trigger: the board does not move between the pictures
-    /// of a pair. Without this its motion is estimated
-    #[arg(long, conflicts_with = "from_drive")]
+    /// of a pair. Without this its motion is estimated, which costs some certainty
+    #[arg(long, conflicts_with_all = ["from_drive", "live", "cross_validate"])]
     pub simultaneous: bool,
     /// Also solve with all pairs, without rejecting inconsistent ones, and cross-validate: calibrate on
     /// one half of the views, evaluate on the other

@@ -6,13 +6,11 @@ mod live;
 
 pub use arguments::{Calibrate, CropArgs, HELP, USAGE, pair};
 
-use crate::command::console::say;
+use crate::command::console::{progress, say};
 use crate::command::error::CommandError;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use perception::calibration::stereo::ViewReport;
 use perception::calibration::{Grade, StereoCalibration};
 use serde::Serialize;
-use std::io::IsTerminal;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 use tools::calibration::{Outcome, Request, report, run as calibrate};
 
@@ -133,13 +131,8 @@ pub fn run(args: &Calibrate, log: Option<&str>) -> Result<(), CommandError> {
         _ => live::collect(args, board, log)?,
     };
     let (start, cpu) = (Instant::now(), messages::clock::process_cpu_ns());
-    let bar = ProgressBar::new(0);
-    if args.json || !std::io::stderr().is_terminal() {
-        bar.set_draw_target(ProgressDrawTarget::hidden());
-    }
-    if let Ok(style) = ProgressStyle::with_template("detecting the board {bar:40} {pos}/{len}") {
-        bar.set_style(style);
-    }
+    let bar = progress(Some(0), "images");
+    bar.set_message("detecting the board");
     let request = Request {
         folder: &folder,
         board,

@@ -88,7 +88,8 @@ pub struct EvaluateNcap {
     /// Runs that are processed at the same time
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=64))]
     pub threads: u64,
-    /// Folder for the page, the scenes, evaluation.json, and runs.jsonl, which has each run as soon as it has ended
+    /// Folder for the page, the scenes, evaluation.json, and runs.jsonl, which has each run as soon as it has ended; what it had
+    /// before is replaced
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Print as JSON

@@ -35,7 +35,7 @@ pub const HELP: &str = "Examples:
   lookout evaluate stereo KITTI --out results      error pictures, maps, plots
   lookout evaluate stereo KITTI --maps results     score maps instead of matching
   lookout evaluate stereo KITTI --disturb noise --save-pairs noisy
-  lookout evaluate stereo KITTI --correct-rows     misaligned rows corrected, as the daemon does
+  lookout evaluate stereo KITTI --correct-rows     pairs whose misaligned rows are corrected first
 
 DIR is searched recursively for KITTI 2012 (image_0, image_1, disp_noc, disp_occ), KITTI 2015
 (image_2, image_3, disp_noc_0, disp_occ_0), KITTI depth (left, right, gt_depth_map, calib) and
@@ -82,9 +82,9 @@ pub struct EvaluateStereo {
     #[arg(long, value_name = "WHAT", conflicts_with = "maps",
         value_parser = PossibleValuesParser::new(Disturbance::NAMES).try_map(|name| name.parse::<Disturbance>()))]
     pub disturb: Option<Disturbance>,
-    /// Match each pair, measure by its matches how far its rows are misaligned, correct the rows of the right image, and
-    /// score the pair matched again. The daemon does so while it runs, by the estimate of many pairs
-    /// (calibration.correct_px); ms is of the second match
+    /// Match each pair, measure by its matches how far its rows are misaligned, correct the rows of the right image by up to
+    /// 2 px, and score the pair matched again; ms is of the second match. The daemon does so while it runs, by the estimate
+    /// of many pairs and from a quarter of a pixel on
     #[arg(long, conflicts_with = "maps")]
     pub correct_rows: bool,
     /// Write the grey pairs as they are matched, and their ground truth, in the layout of KITTI 2015

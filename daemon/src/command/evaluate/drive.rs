@@ -56,8 +56,9 @@ recording, in their order; --rig may be given once for all.
 clear, warning, alarm: frames. warnings, alarms: rises to that level or beyond. judged: frames of which
 the path ahead is known. false: false obstacles over these frames; tracks: their tracks. moving:
 obstacles in the strip that move along; in strip: both, which is what false counted before. life: time
-after which half of the confirmed tracks were lost (Kaplan and Meier; what left the picture or the range
-and what is there at the end tells only that it lived so long; > is a lower limit). jumps: share of
+after which half of the confirmed tracks were lost in view (Kaplan and Meier; what left what both cameras
+see or the range, went behind something much nearer, or is there at the end tells only that it lived so
+long; > is a lower limit); hidden: the same where what went behind something counts as lost. jumps: share of
 consecutive measured boxes whose width changes by more than 30 %. pred: share of predicted boxes.
 unfree: share of the driven strip up to 15 m ahead that was not called free; what drove there counts.
 
@@ -286,10 +287,12 @@ fn play(
 fn view(config: &Config, played: &Played) -> View {
     let side = |px: usize| u32::try_from(px).unwrap_or(u32::MAX);
     let disparities = config.stereo.disparities as f64;
+    let px_at_1_m = played.rig.map_or(0.0, |rig| rig.disparity_px(1.0));
     View {
         width_px: side(played.size.0),
         height_px: side(played.size.1),
-        near_m: played.rig.map_or(0.0, |rig| rig.focal_px * rig.baseline_m / disparities),
+        px_at_1_m,
+        near_m: px_at_1_m / disparities,
         range: played.rig.map_or(Range::fixed(0.0), |rig| range(config, &rig)),
     }
 }

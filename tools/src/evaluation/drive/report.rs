@@ -46,15 +46,18 @@ impl DriveReport {
 }
 
 /// Columns of the table after the name.
-pub const COLUMNS: [&str; 18] = [
+pub const COLUMNS: [&str; 19] = [
     "frames", "s", "off %", "clear", "warning", "alarm", "warnings", "alarms", "judged", "false", "tracks",
-    "a frame", "moving", "in strip", "life s", "jumps %", "pred %", "unfree %",
+    "a frame", "moving", "in strip", "life s", "hidden s", "jumps %", "pred %", "unfree %",
 ];
 
 /// The cells of a row below [`COLUMNS`]; a dash where there is no figure.
 pub fn cells(score: &DriveScore) -> [String; COLUMNS.len()] {
     let share = |value: Option<f64>| value.map_or("-".into(), |v| format!("{v:.1}"));
-    let more = if score.life_is_lower_limit { ">" } else { "" };
+    let life = |seconds: Option<f64>, is_limit: bool| {
+        let more = if is_limit { ">" } else { "" };
+        seconds.map_or("-".into(), |s| format!("{more}{s:.1}"))
+    };
     [
         score.frames.to_string(),
         format!("{:.1}", score.seconds),
@@ -70,7 +73,8 @@ pub fn cells(score: &DriveScore) -> [String; COLUMNS.len()] {
         format!("{:.3}", score.false_per_frame),
         score.moving_obstacles.to_string(),
         score.in_strip_obstacles.to_string(),
-        score.life_median_s.map_or("-".into(), |s| format!("{more}{s:.1}")),
+        life(score.life_median_s, score.life_is_lower_limit),
+        life(score.life_with_hidden_s, score.life_with_hidden_is_lower_limit),
         share(score.width_jumps_percent),
         share(score.predicted_percent),
         share(score.not_free_percent),
@@ -107,7 +111,11 @@ impl fmt::Display for DriveReport {
             let (boxes, tracks) = (score.moving_obstacles, score.moving_tracks);
             writeln!(f, "{boxes} boxes of {tracks} tracks in the driven strip moved along: not judged")?;
         }
-        writeln!(f, "{} of {} confirmed tracks were lost in view", score.tracks_lost, score.tracks)?;
+        let (lost, hidden, tracks) = (score.tracks_lost, score.tracks_hidden, score.tracks);
+        writeln!(
+            f,
+            "{lost} of {tracks} confirmed tracks were lost in view, {hidden} ended behind nearer things"
+        )?;
         for recording in &self.recordings {
             writeln!(f, "{}: judged by {}", recording.name, recording.truth)?;
             for event in recording.events.iter().take(MAX_PRINTED) {
@@ -140,7 +148,8 @@ mod tests {
         };
         let records: Vec<FrameRecord> = (0..60).map(record).collect();
         let reasons = vec![vec!["no road seen".to_owned()]; 60];
-        let view = View { width_px: 640, height_px: 480, near_m: 2.0, range: Range::fixed(60.0) };
+        let view =
+            View { width_px: 640, height_px: 480, px_at_1_m: 200.0, near_m: 2.0, range: Range::fixed(60.0) };
         judge(&straight(60, 8.0), &records, &reasons, &view).tally
     }
 

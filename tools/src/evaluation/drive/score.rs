@@ -1,7 +1,7 @@
 //! Figures of a drive in which nothing was hit.
 
 use super::driven_ground::DrivenGround;
-use super::life::{Life, median_life};
+use super::life::{End, Life, median_life};
 use super::steadiness::{Steadiness, View, steadiness};
 use super::strip::DrivenPath;
 use crate::reporting::record::{FrameRecord, tidy};
@@ -126,10 +126,16 @@ pub struct DriveScore {
     pub tracks: usize,
     /// Of them lost while their thing was to be seen.
     pub tracks_lost: usize,
-    /// Time after which half of the tracks are lost.
+    /// Of them ended behind something much nearer.
+    pub tracks_hidden: usize,
+    /// Time after which half of the tracks are lost while their thing is in view.
     pub life_median_s: Option<f64>,
     /// Whether fewer than half were lost: the median is then the longest life, and the true one is longer.
     pub life_is_lower_limit: bool,
+    /// Time after which half of the tracks are lost or hidden.
+    pub life_with_hidden_s: Option<f64>,
+    /// See [`Self::life_is_lower_limit`].
+    pub life_with_hidden_is_lower_limit: bool,
     /// Boxes of confirmed tracks.
     pub boxes: usize,
     /// Share of boxes that are predictions, in percent.
@@ -285,7 +291,8 @@ impl Tally {
     /// The figures.
     pub fn score(&self) -> DriveScore {
         let s = &self.steadiness;
-        let life = median_life(&s.lives);
+        let life = median_life(&s.lives, Life::is_lost);
+        let with_hidden = median_life(&s.lives, Life::is_lost_or_hidden);
         let per_frame = |count: usize| tidy(count as f64 / self.judged.max(1) as f64);
         let in_strip = self.false_obstacles + self.moving_obstacles;
         DriveScore {
@@ -309,9 +316,12 @@ impl Tally {
             not_free_m: tidy(self.ground.not_free_m),
             not_free_percent: self.ground.not_free_percent().map(tidy),
             tracks: s.lives.len(),
-            tracks_lost: s.lives.iter().filter(|life: &&Life| life.is_lost).count(),
+            tracks_lost: s.lives.iter().filter(|life| life.is_lost()).count(),
+            tracks_hidden: s.lives.iter().filter(|life| life.end == End::Hidden).count(),
             life_median_s: life.map(|(seconds, _)| tidy(seconds)),
             life_is_lower_limit: life.is_some_and(|(_, is_limit)| is_limit),
+            life_with_hidden_s: with_hidden.map(|(seconds, _)| tidy(seconds)),
+            life_with_hidden_is_lower_limit: with_hidden.is_some_and(|(_, is_limit)| is_limit),
             boxes: s.boxes,
             predicted_percent: percent(s.predicted, s.boxes),
             without_size: s.without_size,
@@ -328,7 +338,8 @@ mod tests {
     use crate::reporting::record::{AlarmLine, ObstacleLine};
     use perception::range::Range;
 
-    const VIEW: View = View { width_px: 640, height_px: 480, near_m: 2.0, range: Range::fixed(60.0) };
+    const VIEW: View =
+        View { width_px: 640, height_px: 480, px_at_1_m: 200.0, near_m: 2.0, range: Range::fixed(60.0) };
 
     fn record(i: usize, level: &str, obstacles: Vec<ObstacleLine>) -> FrameRecord {
         FrameRecord {

@@ -1,8 +1,9 @@
 //! How steady tracks and their boxes are: lives, jumps of the width, predictions, boxes without size. Only confirmed
 //! obstacles count: they are what drivers and alarm see.
 
-use super::life::Life;
+use super::life::{End, Life};
 use crate::reporting::record::{FrameRecord, ObstacleLine};
+use perception::outline::BODY_LENGTH_M;
 use perception::range::Range;
 use std::collections::BTreeMap;
 
@@ -13,6 +14,8 @@ pub struct View {
     pub width_px: u32,
     /// Height of the picture, in px.
     pub height_px: u32,
+    /// Disparity at a distance of 1 m, in px: on the left, the right camera misses as many columns as the disparity.
+    pub px_at_1_m: f64,
     /// Nearest distance that can be measured, in metres: that of the largest disparity.
     pub near_m: f64,
     /// How far things are reported.
@@ -24,6 +27,10 @@ const EDGE_PX: f64 = 4.0;
 
 /// Share of the range by which a track may end before its limit: the error of a distance.
 const RANGE_SHARE: f64 = 0.1;
+
+/// What is nearer than a thing by more than [`BODY_LENGTH_M`] may hide it; nearer still is a part of it, or it a part of that. It is
+/// hidden if the boxes of what is nearer cover at least this share of its own.
+const HIDDEN_SHARE: f64 = 0.5;
 
 /// A width jumps if it grows or shrinks by more than this factor from one frame to the next.
 pub const MAX_WIDTH_RATIO: f64 = 1.3;
@@ -52,33 +59,72 @@ struct Seen<'a> {
     last: [Option<(usize, &'a ObstacleLine)>; 2],
 }
 
+/// Where a thing is to be seen in a frame: left, top, right and bottom of its box, in px, and its distance, in metres.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    edges: [f64; 4],
+    distance_m: f64,
+}
+
+impl Place {
+    fn of(obstacle: &ObstacleLine) -> Self {
+        let [x, y] = [obstacle.x_px, obstacle.y_px].map(f64::from);
+        let edges = [x, y, x + f64::from(obstacle.width_px), y + f64::from(obstacle.height_px)];
+        Self { edges, distance_m: obstacle.distance_m }
+    }
+
+    /// The place one step further on, as from `before` to this one in `frames` frames.
+    fn moved_on(&self, before: &Self, frames: f64) -> Self {
+        let on = |now: f64, before: f64| now + (now - before) / frames;
+        Self {
+            edges: std::array::from_fn(|i| on(self.edges[i], before.edges[i])),
+            distance_m: on(self.distance_m, before.distance_m),
+        }
+    }
+
+    /// Share of the box that lies within the boxes of much nearer things, at most 1.
+    fn hidden_share(&self, obstacles: &[ObstacleLine]) -> f64 {
+        let [left, top, right, bottom] = self.edges;
+        let is_nearer = |o: &&ObstacleLine| o.confirmed && o.distance_m < self.distance_m - BODY_LENGTH_M;
+        let shared_px2 = |o: &ObstacleLine| {
+            let [l, t, r, b] = Self::of(o).edges;
+            (right.min(r) - left.max(l)).max(0.0) * (bottom.min(b) - top.max(t)).max(0.0)
+        };
+        let area_px2 = ((right - left) * (bottom - top)).max(1.0);
+        (obstacles.iter().filter(is_nearer).map(shared_px2).sum::<f64>() / area_px2).min(1.0)
+    }
+}
+
 impl View {
     fn is_cut_sideways(&self, left_px: f64, right_px: f64) -> bool {
         left_px <= EDGE_PX || right_px >= f64::from(self.width_px) - EDGE_PX
     }
 
-    /// Whether a box, moved on by `shares` of its last step, has left the picture, or is farther away than the range `far_m`, in metres.
-    fn has_left(&self, far_m: f64, last: &ObstacleLine, before: Option<&ObstacleLine>, shares: f64) -> bool {
-        let moved = |value: fn(&ObstacleLine) -> f64| {
-            let now = value(last);
-            now + before.map_or(0.0, |before| (now - value(before)) * shares)
-        };
-        let (left, right) = (moved(|o| f64::from(o.x_px)), moved(|o| f64::from(o.x_px + o.width_px)));
-        let bottom = moved(|o| f64::from(o.y_px + o.height_px));
-        let distance_m = moved(|o| o.distance_m);
-        self.is_cut_sideways(left, right)
+    /// Whether something at a place is cut by what both cameras see, or is farther away than the range `far_m`, in metres.
+    fn has_left(&self, far_m: f64, place: &Place) -> bool {
+        let [left, _, right, bottom] = place.edges;
+        let distance_m = place.distance_m;
+        self.is_cut_sideways(left - self.px_at_1_m / distance_m.max(self.near_m), right)
             || bottom >= f64::from(self.height_px) - EDGE_PX
             || distance_m <= self.near_m * (1.0 + RANGE_SHARE)
             || distance_m >= far_m * (1.0 - RANGE_SHARE)
     }
 
-    /// Whether a track that was seen last in this box, and two sightings before each other by `apart` frames, has left.
-    fn explains_end(&self, seen: &Seen<'_>, records: &[FrameRecord]) -> bool {
-        let [Some((at, last)), before] = seen.last else { return false };
+    /// Why nothing more was seen of a track.
+    fn end(&self, seen: &Seen<'_>, records: &[FrameRecord]) -> End {
+        let [Some((at, last)), before] = seen.last else { return End::Lost };
         let far_m = self.range.at_m(records[at].motion.speed_m_s.unwrap_or(0.0));
-        let apart = before.map_or(1, |(before, _)| (at - before).max(1)) as f64;
-        let before = before.map(|(_, before)| before);
-        self.has_left(far_m, last, None, 0.0) || self.has_left(far_m, last, before, 1.0 / apart)
+        let last = Place::of(last);
+        let next = before.map_or(last, |(before_at, before)| {
+            last.moved_on(&Place::of(before), (at - before_at).max(1) as f64)
+        });
+        if [last, next].iter().any(|place| self.has_left(far_m, place)) {
+            End::Left
+        } else if records.get(at + 1).is_some_and(|r| next.hidden_share(&r.obstacles) >= HIDDEN_SHARE) {
+            End::Hidden
+        } else {
+            End::Lost
+        }
     }
 }
 
@@ -90,9 +136,9 @@ fn is_without_size(obstacle: &ObstacleLine) -> bool {
 /// Counts over the frames of a drive, whose times are `time_s`.
 ///
 /// A track's life ends with its last sighting. It is lost if its thing should still be seen then: its box touches neither
-/// the left, the right nor the lower edge of the picture, its distance is within the range, the same holds for the box
-/// moved on to the next frame by its last step, and the recording goes on after the track's end. A thing hidden by another
-/// one counts as lost.
+/// the sides of what both cameras see nor the lower edge of the picture, its distance is within the range, the same holds for the box
+/// moved on to the next frame by its last step, nothing that is much nearer covers that, and the recording goes on after the
+/// track's end.
 pub fn steadiness(records: &[FrameRecord], view: &View) -> Steadiness {
     let mut found = Steadiness::default();
     let mut tracks: BTreeMap<u32, Seen<'_>> = BTreeMap::new();
@@ -119,9 +165,9 @@ pub fn steadiness(records: &[FrameRecord], view: &View) -> Steadiness {
     for (track, seen) in &tracks {
         // A track that was only predicted while confirmed lives for its first frame.
         let last = seen.last[0].map_or(seen.first, |(frame, _)| frame);
-        let is_lost = !alive.contains(track) && !view.explains_end(seen, records);
+        let end = if alive.contains(track) { End::Left } else { view.end(seen, records) };
         let seconds = records[last].time_s - records[seen.first].time_s + period_s;
-        found.lives.push(Life { seconds, is_lost });
+        found.lives.push(Life { seconds, end });
     }
     found
 }
@@ -158,7 +204,8 @@ impl Steadiness {
 mod tests {
     use super::*;
 
-    const VIEW: View = View { width_px: 640, height_px: 480, near_m: 2.0, range: Range::fixed(60.0) };
+    const VIEW: View =
+        View { width_px: 640, height_px: 480, px_at_1_m: 200.0, near_m: 2.0, range: Range::fixed(60.0) };
 
     fn line(track: u32, x_px: u32, width_px: u32, missed: u32) -> ObstacleLine {
         ObstacleLine {
@@ -188,7 +235,7 @@ mod tests {
 
     fn lives(frames: Vec<Vec<ObstacleLine>>) -> Vec<(i32, bool)> {
         let found = steadiness(&drive(frames), &VIEW);
-        found.lives.iter().map(|life| ((life.seconds * 10.0).round() as i32, life.is_lost)).collect()
+        found.lives.iter().map(|life| ((life.seconds * 10.0).round() as i32, life.is_lost())).collect()
     }
 
     #[test]
@@ -203,6 +250,10 @@ mod tests {
         assert_eq!(lives(vec![vec![line(1, 2, 50, 0)], vec![], vec![]]), [(1, false)]);
         let out = vec![vec![line(1, 500, 50, 0)], vec![line(1, 545, 50, 0)], vec![], vec![]];
         assert_eq!(lives(out), [(2, false)]);
+        // What lies left of it only the left camera sees: at 20 m 10 columns.
+        for (x_px, is_lost) in [(13, false), (15, true)] {
+            assert_eq!(lives(vec![vec![line(1, x_px, 50, 0)], vec![], vec![]]), [(1, is_lost)], "{x_px}");
+        }
         // Too near, too far.
         for (distance_m, is_lost) in [(2.1, false), (3.0, true), (53.0, true), (55.0, false)] {
             let thing = ObstacleLine { distance_m, ..in_view(1) };
@@ -214,11 +265,26 @@ mod tests {
             let thing = ObstacleLine { distance_m: 55.0, ..in_view(1) };
             let mut records = drive(vec![vec![thing], vec![], vec![]]);
             records.iter_mut().for_each(|record| record.motion.speed_m_s = speed_m_s);
-            assert_eq!(steadiness(&records, &view).lives[0].is_lost, is_lost, "{speed_m_s:?}");
+            assert_eq!(steadiness(&records, &view).lives[0].is_lost(), is_lost, "{speed_m_s:?}");
         }
         // One that is not confirmed is no track yet.
         let not_yet = ObstacleLine { confirmed: false, ..in_view(1) };
         assert_eq!(lives(vec![vec![not_yet], vec![in_view(1)], vec![], vec![]]), [(1, true)]);
+    }
+
+    #[test]
+    fn what_something_much_nearer_covers_is_hidden() {
+        // A thing at 20 m, and in the next frames one before it that covers this share of its box.
+        let end = |distance_m: f64, share: f64, confirmed: bool| {
+            let width_px = (50.0 * share) as u32;
+            let near = ObstacleLine { distance_m, confirmed, ..line(2, 300, width_px, 0) };
+            let frames = vec![vec![line(1, 300, 50, 0)], vec![near.clone()], vec![near.clone()], vec![near]];
+            steadiness(&drive(frames), &VIEW).lives[0].end
+        };
+        assert_eq!(end(10.0, 0.6, true), End::Hidden);
+        assert_eq!(end(10.0, 0.4, true), End::Lost);
+        assert_eq!(end(16.0, 1.0, true), End::Lost, "its own side, or that of the other");
+        assert_eq!(end(10.0, 1.0, false), End::Lost);
     }
 
     #[test]

@@ -22,6 +22,9 @@ pub struct BoundaryPoint {
     pub height_m: f64,
     /// Standard deviation of the position across the boundary, in metres.
     pub sigma_m: f64,
+    /// Length of the surface that was seen between the point before it and this one, in metres: where somebody may have passed
+    /// unseen, nothing.
+    pub solid_m: f64,
     /// Time for which the point has not been seen, in seconds.
     pub unseen_s: f64,
 }

@@ -155,7 +155,7 @@ impl CurveFinder {
             if self.is_boundary() {
                 let curve = self.curve();
                 self.curves.push(curve);
-            } else if self.parts.len() < MAX_CURVES && self.is_steady(MAX_GAP_M, MIN_PART_M).is_some() {
+            } else if self.parts.len() < MAX_CURVES && self.keep_resolved() {
                 let curve = self.curve();
                 self.parts.push(curve);
             }
@@ -295,6 +295,26 @@ impl CurveFinder {
             || self.is_high()
     }
 
+    /// Keeps the longest run of members in which a gap of [`MAX_GAP_M`] would be seen, if it is long and steady enough to be a part of a
+    /// boundary.
+    fn keep_resolved(&mut self) -> bool {
+        let is_resolved = |member: &Member| member.seen_m > 0.0 && member.seen_m <= MAX_GAP_M;
+        let (mut best, mut longest_m) = (0..0, 0.0);
+        let (mut from, mut length_m) = (0, 0.0);
+        for (i, member) in self.members.iter().enumerate() {
+            (from, length_m) = if is_resolved(member) { (from, length_m + member.seen_m) } else { (i, 0.0) };
+            if length_m > longest_m {
+                (best, longest_m) = (from..i + 1, length_m);
+            }
+        }
+        self.members.truncate(best.end);
+        self.members.drain(..best.start);
+        if let Some(first) = self.members.first_mut() {
+            first.seen_m = 0.0;
+        }
+        self.is_steady(MAX_GAP_M, MIN_PART_M).is_some()
+    }
+
     /// Whether what is seen of the members is higher than any vehicle.
     fn is_high(&self) -> bool {
         let mut seen_m = [0.0; 2];
@@ -334,15 +354,16 @@ impl CurveFinder {
         let mut curve = Boundary::default();
         let length_m: f64 = self.members.iter().map(|m| m.seen_m).sum();
         let spacing_m = (length_m / (MAX_POINTS - 2) as f64).max(1.0);
-        let mut since_m = f64::INFINITY;
+        let (mut since_m, mut solid_m) = (f64::INFINITY, 0.0);
         let last = self.members.len() - 1;
         for (i, member) in self.members.iter().enumerate() {
             since_m += member.seen_m;
+            solid_m += if member.seen_m <= MAX_GAP_M { member.seen_m } else { 0.0 };
             if (since_m >= spacing_m || i == last)
                 && let Some(point) = self.point(i)
             {
-                since_m = 0.0;
-                curve.push(point);
+                curve.push(BoundaryPoint { solid_m, ..point });
+                (since_m, solid_m) = (0.0, 0.0);
             }
         }
         curve
@@ -387,6 +408,7 @@ impl CurveFinder {
             distance_m: 1.0 / fitted,
             height_m: mean(&|m| m.height_m),
             sigma_m: sigma * line_m / fitted,
+            solid_m: 0.0,
             unseen_s: 0.0,
         })
     }

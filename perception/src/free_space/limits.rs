@@ -75,8 +75,19 @@ pub const HEIGHT_STEP_M: f64 = 0.25;
 /// Time for which a boundary is seen before it counts, in seconds: a shadow of the matcher on moving things does not last.
 pub const CONFIRM_S: f64 = 0.3;
 
-/// Time for which a boundary, or a part of it, is kept without being seen, in seconds.
+/// Time for which a boundary, or a part of it, is kept without being seen, in seconds;
 pub const FORGET_S: f64 = 0.5;
+/// while something nearer hides it, in seconds: at 4 m/s a parked car and its gap are passed;
+pub const FORGET_HIDDEN_S: f64 = 2.0;
+/// and where what is behind it is seen, in seconds: two frames, one of which may be wrong.
+pub const FORGET_THROUGH_S: f64 = 0.15;
+
+/// Part of a boundary that tells whether it is still there, as shares of its height: not its foot, where the ground before it is seen.
+pub const LOOK_ROWS: std::ops::Range<f64> = 0.25..1.0;
+/// Share of the rows in which it is seen: through a fence one sees what is behind it, too;
+pub const LOOK_SEEN_SHARE: f64 = 0.3;
+/// and in which something else is seen instead.
+pub const LOOK_HIDDEN_SHARE: f64 = 0.5;
 
 /// Margin of the own path on each side, in metres: what stands so near to the path stays an obstacle.
 pub const PATH_MARGIN_M: f64 = 0.4;

@@ -20,6 +20,7 @@ pub mod corridor;
 pub mod curve;
 pub mod ground_grid;
 pub mod limits;
+mod look;
 pub mod raised_ground;
 mod relief;
 pub mod road_view;
@@ -40,6 +41,7 @@ use limits::{
     GATE_SIGMAS, HEIGHT_STEP_M, LOW_HEIGHT_M, MAX_GATE_M, MAX_GROUND_M, MAX_SPREAD_M, RELIEF_STRIPS,
     ROUGHNESS_M,
 };
+use look::Sight;
 use raised_ground::RaisedGround;
 use relief::Relief;
 use road_view::RoadView;
@@ -122,8 +124,9 @@ impl FreeSpaceFinder {
         let corridor = Corridor::new(self.path_width_m, step);
         self.corridor = corridor;
         self.mark_raised_ground(stixels, road);
-        let [curves, parts] = self.curves.find(stixels, &self.uses, road.surface.noise_px());
-        self.tracks.update(curves, parts, step, elapsed_s);
+        let curves = self.curves.find(stixels, &self.uses, road.surface.noise_px());
+        let sight = Sight { stixels, surface: road.surface, rig: self.rig };
+        self.tracks.update(curves, step, elapsed_s, |boundary, point| sight.look(boundary, point));
         self.tracks.publish(&corridor);
         self.mark_boundaries(stixels, road.surface.noise_px());
         for (stixel_use, stixel) in self.uses.iter_mut().zip(stixels.list()) {

@@ -1,39 +1,65 @@
 //! Boundaries over frames: moved by the own motion, confirmed and forgotten in seconds.
+//!
+//! What is seen of a boundary at once may be too short to tell it from a vehicle: between parked cars, at the picture's edge. Such
+//! parts are put together on the ground as the vehicle drives; what they make together is a boundary by the same rule. A known point
+//! stays while the disparities at its place show it, or something nearer; what is behind it ends it soon.
 
 use super::boundary::{Boundary, BoundaryPoint, MAX_BOUNDARIES, Side};
 use super::corridor::Corridor;
-use super::limits::{CONFIRM_S, FORGET_S, GATE_SIGMAS, HEIGHT_STEP_M, LOW_HEIGHT_M, ROUGHNESS_M};
+use super::limits::{
+    CONFIRM_S, FORGET_HIDDEN_S, FORGET_S, FORGET_THROUGH_S, GATE_SIGMAS, HEIGHT_STEP_M, LONGEST_VEHICLE_M,
+    LOW_HEIGHT_M, MAX_HIDDEN_M, MIN_LENGTH_M, RAISED_M, ROUGHNESS_M, STEADY_SHARE,
+};
+use super::look::Look;
 use crate::motion::planar::PlanarStep;
 
 /// Nearest distance of a point that is kept, in metres.
 const MIN_DISTANCE_M: f64 = 1.0;
 
-/// Maximum number of boundaries that are followed.
-const MAX_TRACKS: usize = 2 * MAX_BOUNDARIES;
+/// Maximum number of boundaries, and of what may become one, that are followed.
+const MAX_TRACKS: usize = 4 * MAX_BOUNDARIES;
 
-/// A boundary that is followed.
+/// Share of a part that lies beside what it is joined with.
+const PART_SHARE: f64 = 0.5;
+
+/// A boundary, or what may become one, that is followed.
 #[derive(Clone, Copy, Debug)]
 struct Track {
     boundary: Boundary,
-    /// Time for which it was seen, and since when it was not, in seconds.
+    /// Whether it is one.
+    is_boundary: bool,
+    /// Time for which it was seen, in seconds.
     seen_s: f64,
-    unseen_s: f64,
     is_matched: bool,
 }
 
 impl Track {
-    /// Whether it was seen for long enough, where boundaries are confirmed.
+    /// Whether it is a boundary and was seen for long enough, where boundaries are confirmed.
     fn counts(&self, confirm: bool) -> bool {
-        !confirm || self.seen_s >= CONFIRM_S - 1e-6
+        self.is_boundary && (!confirm || self.seen_s >= CONFIRM_S - 1e-6)
     }
 
-    /// Adds this time to that for which its points have not been seen; drops those beyond [`FORGET_S`].
-    fn age(&mut self, elapsed_s: f64) {
+    /// Looks at its points, `elapsed_s` seconds after the last time; drops those that have not been seen for too long.
+    fn look(&mut self, look: impl Fn(&Boundary, &BoundaryPoint) -> Look, elapsed_s: f64) {
         let before = self.boundary;
-        let aged = before.points().iter().map(|p| BoundaryPoint { unseen_s: p.unseen_s + elapsed_s, ..*p });
         self.boundary.clear();
-        for point in aged.filter(|point| point.unseen_s <= FORGET_S) {
-            self.boundary.push(point);
+        let mut is_gap = false;
+        for point in before.points() {
+            let kept_s = match look(&before, point) {
+                Look::Seen => f64::INFINITY,
+                Look::Hidden => FORGET_HIDDEN_S,
+                Look::Unknown => FORGET_S,
+                Look::Through => FORGET_THROUGH_S,
+            };
+            // In the unit of [`FORGET_S`].
+            let unseen_s =
+                if kept_s.is_finite() { point.unseen_s + elapsed_s * FORGET_S / kept_s } else { 0.0 };
+            let is_kept = unseen_s <= FORGET_S;
+            if is_kept {
+                let solid_m = if is_gap { 0.0 } else { point.solid_m };
+                self.boundary.push(BoundaryPoint { unseen_s, solid_m, ..*point });
+            }
+            is_gap = !is_kept;
         }
     }
 }
@@ -69,76 +95,94 @@ impl TrackList {
         &self.boundaries
     }
 
-    /// Joins the curves of a frame, and what is still seen of known boundaries.
+    /// Joins the curves of a frame that are boundaries by themselves, and parts that are not. `look` tells what is seen at a known point.
     pub fn update(
         &mut self,
-        curves: &[Boundary],
-        parts: &[Boundary],
+        [curves, parts]: [&[Boundary]; 2],
         step: Option<PlanarStep>,
         elapsed_s: f64,
+        look: impl Fn(&Boundary, &BoundaryPoint) -> Look,
     ) {
         for track in &mut self.tracks {
             track.is_matched = false;
             if let Some(step) = &step {
                 shift(&mut track.boundary, step);
             }
+            // Where the own motion is unknown, nobody knows that it is the same place.
+            let look = |boundary: &Boundary, point: &BoundaryPoint| match look(boundary, point) {
+                Look::Seen | Look::Hidden if step.is_none() => Look::Unknown,
+                look => look,
+            };
+            track.look(look, elapsed_s);
         }
         for curve in curves {
-            let distances = self
-                .tracks
-                .iter()
-                .map(|track| if track.is_matched { None } else { separation_m(curve, &track.boundary) });
-            let nearest =
-                distances.enumerate().filter_map(|(i, d)| Some((i, d?))).min_by(|a, b| a.1.total_cmp(&b.1));
-            if let Some((i, _)) = nearest {
-                let track = &mut self.tracks[i];
-                track.boundary = joined(curve, &track.boundary, elapsed_s);
-                (track.is_matched, track.unseen_s) = (true, 0.0);
-                track.seen_s += elapsed_s;
-            } else if self.tracks.len() < MAX_TRACKS {
-                let mut boundary = *curve;
-                boundary.id = self.next_id;
-                self.next_id = self.next_id.wrapping_add(1).max(1);
-                self.tracks.push(Track { boundary, seen_s: 0.0, unseen_s: 0.0, is_matched: true });
-            }
+            self.join(curve, true, elapsed_s);
         }
-        // Where the own motion is unknown, nobody knows that it is the same place.
         for part in parts.iter().filter(|_| step.is_some()) {
-            self.join_part(part, elapsed_s);
+            self.join(part, false, elapsed_s);
         }
-        for track in self.tracks.iter_mut().filter(|track| !track.is_matched) {
-            track.unseen_s += elapsed_s;
-            track.age(elapsed_s);
+        self.merge();
+        self.tracks.iter_mut().for_each(|track| keep_longest(&mut track.boundary));
+        for track in &mut self.tracks {
+            track.is_boundary |= is_extended(&track.boundary);
         }
-        self.tracks.retain(|track| track.unseen_s <= FORGET_S && track.boundary.points().len() > 1);
+        self.tracks.retain(|track| track.boundary.points().len() > 1);
     }
 
-    /// Takes in what is still seen of a boundary at least as high as [`LOW_HEIGHT_M`]: it stays one though the rest has left the view, or
-    /// is hidden. Nothing is added to it. Lower boundaries need not be longer than a lorry, so that their rest is long enough.
-    fn join_part(&mut self, part: &Boundary, elapsed_s: f64) {
-        let confirm = self.confirm;
-        let is_wall = |track: &Track| {
-            let height_m = mean_height_m(&track.boundary);
-            height_m >= LOW_HEIGHT_M && (height_m - mean_height_m(part)).abs() <= 2.0 * HEIGHT_STEP_M
-        };
-        let known = self.tracks.iter_mut().filter(|track| track.counts(confirm) && is_wall(track));
+    /// Joins a curve with what is known of it, or follows it from now on.
+    fn join(&mut self, curve: &Boundary, is_boundary: bool, elapsed_s: f64) {
+        let height_m = mean_height_m(curve);
+        let is_as_high =
+            |track: &Track| (mean_height_m(&track.boundary) - height_m).abs() <= 2.0 * HEIGHT_STEP_M;
+        let known = self
+            .tracks
+            .iter_mut()
+            .filter(|track| if is_boundary { !track.is_matched } else { is_as_high(track) });
+        // A part tells less than a whole: half of it goes on where it was known.
+        let share = if is_boundary { 0.0 } else { PART_SHARE };
         let nearest = known
-            .filter_map(|track| Some((separation_m(part, &track.boundary)?, track)))
+            .filter_map(|track| Some((separation_m(curve, &track.boundary, share)?, track)))
             .min_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((_, track)) = nearest else { return };
-        if !track.is_matched {
-            track.age(elapsed_s);
-        }
-        (track.is_matched, track.unseen_s) = (true, 0.0);
-        for point in track.boundary.points_mut().iter_mut().filter(|point| point.unseen_s > 0.0) {
-            let Some((across_m, sigma_m, normal)) = beside(part, point) else { continue };
-            if across_m.abs() > GATE_SIGMAS * sigma_m.hypot(point.sigma_m).hypot(ROUGHNESS_M) {
-                continue;
+        if let Some((_, track)) = nearest {
+            // A lorry may stand beyond the end of a wall that is as high: a part of such a wall adds nothing to it.
+            if !is_boundary && track.is_boundary && height_m >= LOW_HEIGHT_M - HEIGHT_STEP_M {
+                correct(&mut track.boundary, curve);
+            } else {
+                track.boundary = joined(curve, &track.boundary);
             }
-            let share = moved_share(point.sigma_m, sigma_m);
-            point.lateral_m -= share * across_m * normal[0];
-            point.distance_m -= share * across_m * normal[1];
-            point.unseen_s = 0.0;
+            track.seen_s += if track.is_matched { 0.0 } else { elapsed_s };
+            (track.is_matched, track.is_boundary) = (true, track.is_boundary || is_boundary);
+        } else if self.tracks.len() < MAX_TRACKS {
+            let mut boundary = *curve;
+            boundary.id = self.next_id;
+            self.next_id = self.next_id.wrapping_add(1).max(1);
+            self.tracks.push(Track { boundary, is_boundary, seen_s: 0.0, is_matched: true });
+        }
+    }
+
+    /// Puts together what has grown together.
+    fn merge(&mut self) {
+        let mut i = 0;
+        while i < self.tracks.len() {
+            let mut j = i + 1;
+            while j < self.tracks.len() {
+                let (kept, other) = (&self.tracks[i], &self.tracks[j]);
+                let is_one = kept.is_matched
+                    && other.is_matched
+                    && (mean_height_m(&kept.boundary) - mean_height_m(&other.boundary)).abs()
+                        <= 2.0 * HEIGHT_STEP_M
+                    && separation_m(&other.boundary, &kept.boundary, PART_SHARE).is_some();
+                if is_one {
+                    let other = self.tracks.remove(j);
+                    let kept = &mut self.tracks[i];
+                    kept.boundary = joined(&other.boundary, &kept.boundary);
+                    kept.is_boundary |= other.is_boundary;
+                    kept.seen_s = kept.seen_s.max(other.seen_s);
+                } else {
+                    j += 1;
+                }
+            }
+            i += 1;
         }
     }
 
@@ -160,6 +204,42 @@ impl TrackList {
 fn mean_height_m(boundary: &Boundary) -> f64 {
     let points = boundary.points();
     points.iter().map(|point| point.height_m).sum::<f64>() / points.len().max(1) as f64
+}
+
+/// Divides a boundary where more than a parked car of it is not known any more; keeps the part of which more was seen.
+fn keep_longest(boundary: &mut Boundary) {
+    let whole = *boundary;
+    let is_open = |pair: &[BoundaryPoint]| {
+        let step_m = (pair[1].lateral_m - pair[0].lateral_m).hypot(pair[1].distance_m - pair[0].distance_m);
+        step_m > MAX_HIDDEN_M && pair.iter().any(|point| point.unseen_s > 0.0)
+    };
+    let parts = whole.points().chunk_by(|a, b| !is_open(&[*a, *b]));
+    let solid_m = |part: &[BoundaryPoint]| part.iter().map(|point| point.solid_m).sum::<f64>();
+    let Some(longest) = parts.max_by(|a, b| solid_m(a).total_cmp(&solid_m(b))) else { return };
+    if longest.len() < whole.points().len() {
+        boundary.clear();
+        longest.iter().for_each(|point| {
+            boundary.push(*point);
+        });
+    }
+}
+
+/// Whether what was seen of it is longer than a vehicle as high, and has a steady height.
+fn is_extended(boundary: &Boundary) -> bool {
+    let points = boundary.points();
+    let solid_m: f64 = points.iter().map(|point| point.solid_m).sum();
+    if solid_m < MIN_LENGTH_M {
+        return false;
+    }
+    let share_below = |height_m: f64| {
+        let below = points.iter().filter(|point| point.height_m <= height_m);
+        below.map(|point| point.solid_m).sum::<f64>() / solid_m
+    };
+    let median = points.iter().map(|point| point.height_m).filter(|height_m| share_below(*height_m) >= 0.5);
+    let median_m = median.fold(f64::INFINITY, f64::min);
+    let steady = share_below(median_m + HEIGHT_STEP_M) - share_below(median_m - HEIGHT_STEP_M);
+    let longest_m = if median_m < LOW_HEIGHT_M { MIN_LENGTH_M } else { LONGEST_VEHICLE_M };
+    median_m >= f64::from(RAISED_M.end) && steady >= STEADY_SHARE && solid_m >= longest_m
 }
 
 /// On which side of the path a boundary stands.
@@ -217,8 +297,8 @@ fn moved_share(own_sigma_m: f64, line_sigma_m: f64) -> f64 {
     own / (own + other).max(1e-9)
 }
 
-/// Mean distance of a curve from a boundary where they are side by side; `None` if they are not one.
-fn separation_m(curve: &Boundary, boundary: &Boundary) -> Option<f64> {
+/// Mean distance of a curve from a boundary where they are side by side, at least over a share of the curve; `None` if they are not one.
+fn separation_m(curve: &Boundary, boundary: &Boundary, share: f64) -> Option<f64> {
     let (mut sum, mut gate, mut count) = (0.0, 0.0, 0.0);
     for point in curve.points() {
         if let Some((across, sigma_m, _)) = beside(boundary, point) {
@@ -227,23 +307,44 @@ fn separation_m(curve: &Boundary, boundary: &Boundary) -> Option<f64> {
             count += 1.0;
         }
     }
-    (count >= 3.0 && sum <= gate).then(|| sum / count)
+    let is_enough = count >= 3.0 && count >= share * curve.points().len() as f64;
+    (is_enough && sum <= gate).then(|| sum / count)
+}
+
+/// Moves the points that have not been seen towards a part that passes them.
+fn correct(boundary: &mut Boundary, part: &Boundary) {
+    for point in boundary.points_mut().iter_mut().filter(|point| point.unseen_s > 0.0) {
+        let Some((across_m, sigma_m, normal)) = beside(part, point) else { continue };
+        if across_m.abs() > GATE_SIGMAS * sigma_m.hypot(point.sigma_m).hypot(ROUGHNESS_M) {
+            continue;
+        }
+        let share = moved_share(point.sigma_m, sigma_m);
+        point.lateral_m -= share * across_m * normal[0];
+        point.distance_m -= share * across_m * normal[1];
+        point.unseen_s = 0.0;
+    }
 }
 
 /// The curve of a frame, joined with what was known: its points moved towards the known ones by their errors, and the known
 /// points beyond its ends.
-fn joined(curve: &Boundary, known: &Boundary, elapsed_s: f64) -> Boundary {
+fn joined(curve: &Boundary, known: &Boundary) -> Boundary {
     let mut out = *known;
     out.clear();
     let ray = |p: &BoundaryPoint| p.lateral_m / p.distance_m;
     let ends = [curve.points().first(), curve.points().last()].map(|p| p.map_or(0.0, ray));
-    let kept = |p: &BoundaryPoint| BoundaryPoint { unseen_s: p.unseen_s + elapsed_s, ..*p };
-    let lasts = |p: &BoundaryPoint| p.unseen_s <= FORGET_S;
-    for point in known.points().iter().filter(|p| ray(p) < ends[0] - 0.01).map(kept).filter(lasts) {
-        out.push(point);
+    for point in known.points().iter().filter(|p| ray(p) < ends[0] - 0.01) {
+        out.push(*point);
     }
-    for point in curve.points() {
+    // What was seen between the last point that is kept and the next one goes on to the curve.
+    let solid_m = known.points().get(out.points().len()).map_or(0.0, |next| next.solid_m);
+    for (i, point) in curve.points().iter().enumerate() {
         let mut point = *point;
+        if i == 0
+            && let Some(before) = out.points().last()
+        {
+            let step_m = (point.lateral_m - before.lateral_m).hypot(point.distance_m - before.distance_m);
+            point.solid_m = step_m.min(solid_m);
+        }
         if let Some((across, sigma_m, normal)) = beside(known, &point) {
             let (own, other) = (point.sigma_m.powi(2), sigma_m.powi(2) + (0.3 * ROUGHNESS_M).powi(2));
             let share = moved_share(point.sigma_m, sigma_m);
@@ -253,8 +354,8 @@ fn joined(curve: &Boundary, known: &Boundary, elapsed_s: f64) -> Boundary {
         }
         out.push(point);
     }
-    for point in known.points().iter().filter(|p| ray(p) > ends[1] + 0.01).map(kept).filter(lasts) {
-        out.push(point);
+    for point in known.points().iter().filter(|p| ray(p) > ends[1] + 0.01) {
+        out.push(*point);
     }
     out
 }

@@ -46,7 +46,13 @@ impl Range {
 
     /// How far things are looked for at a speed in m/s, in metres.
     pub fn at_m(&self, speed_m_s: f64) -> f64 {
-        (2.0 * speed_m_s * MEETING_S).max(self.slow_m).min(self.fast_m)
+        Self::needed_m(speed_m_s).max(self.slow_m).min(self.fast_m)
+    }
+
+    /// How far ahead that can be met soon is that comes as fast as we drive, at a speed in m/s, in metres: what is farther away is not
+    /// urgent.
+    pub fn needed_m(speed_m_s: f64) -> f64 {
+        2.0 * speed_m_s * MEETING_S
     }
 }
 

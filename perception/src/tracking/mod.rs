@@ -41,6 +41,7 @@ use crate::motion::Motion;
 use crate::motion::body::Body;
 use crate::motion::planar::{OwnRates, Planar, PlanarStep};
 use crate::motion::scene_point::ScenePoint;
+use crate::range::Range;
 use crate::region::Region;
 use crate::rig::Rig;
 use assign::Assignment;
@@ -48,7 +49,9 @@ use detection_rate::DetectionRate;
 use filter::estimate::MIN_DISTANCE_M;
 use filter::ground::Movement;
 pub use parameters::TrackerParameters;
-use parameters::{KEEP_PROBABILITY, MAX_EVIDENCE, UNMATCHED_COST};
+use parameters::{
+    BESIDE_M, KEEP_PROBABILITY, MAX_EVIDENCE, MIN_URGENT_M, UNHURRIED_PROBABILITY, UNMATCHED_COST,
+};
 use passing::Passing;
 pub use track::{Obstacle, Track};
 use visibility::{Expected, inside_share, visible_share};
@@ -118,6 +121,8 @@ pub struct Tracker {
     body: Body,
     /// What the own motion adds in this frame; `None` while it is unknown, and the speeds of all tracks are relative.
     own: Option<OwnRates>,
+    /// Own speed, in m/s, likewise.
+    speed_m_s: Option<f64>,
     /// Displacement of the camera since the frame before, likewise.
     own_step: Option<PlanarStep>,
     /// Sum of its yaws, to the left positive, in rad.
@@ -147,6 +152,7 @@ impl Tracker {
             dropped: 0,
             body: Body::default(),
             own: None,
+            speed_m_s: None,
             own_step: None,
             heading_rad: 0.0,
             elapsed_ns: 0,
@@ -252,6 +258,7 @@ impl Tracker {
     /// Predicts all tracks to this frame, over ground if the own motion is known.
     fn predict(&mut self, elapsed_s: f64, motion: Option<Motion>) {
         let motion = motion.filter(Motion::is_finite);
+        self.speed_m_s = motion.map(|m| m.speed_m_s);
         self.own = motion.map(|m| OwnRates::of(&m, &self.body));
         self.own_step = motion.map(|m| PlanarStep::of(&m, &self.body, elapsed_s));
         let yaw_rad = self.own_step.map_or(0.0, |step| step.yaw_rad());
@@ -485,10 +492,19 @@ impl Tracker {
     /// Confirms tracks, ends those that do not exist or left the picture, and sets the boxes of all others.
     fn judge(&mut self) {
         let (parameters, cameras) = (self.parameters, (self.rig, self.size));
+        let own_width_m = self.body.width_m;
+        let needed_m = self.speed_m_s.map_or(f64::INFINITY, |speed| Range::needed_m(speed).max(MIN_URGENT_M));
         let keep = KEEP_PROBABILITY.min(parameters.confirm_probability);
         self.tracks.retain_mut(|track| {
             let probability = track.existence.probability();
-            let level = if track.is_confirmed { keep } else { parameters.confirm_probability };
+            let beside_m = track.lateral_m().abs() - (track.extent.width_m + own_width_m) / 2.0;
+            let is_urgent = beside_m <= BESIDE_M && track.distance_m() <= needed_m;
+            let confirm = parameters.confirm_probability;
+            let level = match track.is_confirmed {
+                true => keep,
+                false if is_urgent => confirm,
+                false => confirm.max(UNHURRIED_PROBABILITY),
+            };
             track.is_confirmed = probability >= level;
             let is_known = track.missed == 0 || !is_outside(&track.body(&cameras.0), track, cameras.1);
             is_known

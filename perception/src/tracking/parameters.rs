@@ -35,6 +35,14 @@ impl Default for TrackerParameters {
 /// Probability that a sighting that belongs to no track is a real thing, before its evidence counts; and the probability
 /// below which a track ends, as less is then known of it than before it was seen.
 pub const BIRTH_PROBABILITY: f64 = 0.2;
+/// What is farther beside the straight way of the vehicle than this, in metres, or farther ahead than the speed asks for
+/// ([`crate::range::Range::needed_m`]), and than this, in metres, is not urgent:
+pub const BESIDE_M: f64 = 2.5;
+/// See [`BESIDE_M`].
+pub const MIN_URGENT_M: f64 = 30.0;
+/// it is confirmed from this probability on. That takes a third sighting, however distinct two are: pieces of fences, hedges and far
+/// rows of cars often have two.
+pub const UNHURRIED_PROBABILITY: f64 = 0.985;
 /// A confirmed track remains confirmed down to this probability, so that one missed sighting changes nothing.
 pub const KEEP_PROBABILITY: f64 = 0.8;
 /// Largest evidence of one sighting, as suffices in a single picture ([`crate::detection::SINGLE_PICTURE_EVIDENCE`]). However

@@ -309,13 +309,13 @@ def drives(lookout):
                 f"{row['off_percent']:.0f} %",
                 f"{row['warnings']}, {row['alarms']}",
                 f"{row['false_obstacles']} in {row['judged']} frames",
-                f"{row['life_median_s']:.1f} s, {row['life_with_hidden_s']:.1f} s",
+                f"{row['life_median_s']:.1f} s, {row['life_strict_s']:.1f} s",
                 f"{row['width_jumps_percent']:.1f} %",
                 f"{row['predicted_percent']:.1f} %",
                 f"{row['not_free_percent']:.1f} %",
             ]
         )
-    head = ["drive", "alarm off", "warnings, alarms", "false obstacles in the strip", "tracks live (median), with hidden ones"]
+    head = ["drive", "alarm off", "warnings, alarms", "false obstacles in the strip", "tracks live (median), strictly"]
     return table([*head, "width jumps", "predictions", "driven strip not free"], lines)
 
 

@@ -57,10 +57,11 @@ clear, warning, alarm: frames. warnings, alarms: rises to that level or beyond. 
 the path ahead is known. false: false obstacles over these frames; tracks: their tracks. moving:
 obstacles in the strip that move along; in strip: both, which is what false counted before. life: time
 after which half of the confirmed tracks were lost in view (Kaplan and Meier; what left what both cameras
-see or the range, went behind something much nearer, or is there at the end tells only that it lived so
-long; > is a lower limit); hidden: the same where what went behind something counts as lost. jumps: share of
-consecutive measured boxes whose width changes by more than 30 %. pred: share of predicted boxes.
-unfree: share of the driven strip up to 15 m ahead that was not called free; what drove there counts.
+see or the range, went behind something much nearer, is told as a boundary now, or is there at the end
+tells only that it lived so long; > is a lower limit); strict: the same where what is hidden or told as a
+boundary counts as lost. jumps: share of consecutive measured boxes whose width changes by more than
+30 %. pred: share of predicted boxes. unfree: share of the driven strip up to 15 m ahead that was not
+called free; what drove there counts.
 
 --out writes index.html, one file with time lines and pictures before, at and after each false warning,
 alarm and obstacle (the driven strip pink), and evaluation.json.";

@@ -9,6 +9,8 @@ pub enum End {
     Left,
     /// Something nearer hid it.
     Hidden,
+    /// It is told as a part of a boundary from then on.
+    Boundary,
     /// It was lost while its thing was to be seen.
     Lost,
 }
@@ -28,8 +30,8 @@ impl Life {
         self.end == End::Lost
     }
 
-    /// The same where what is hidden counts as in view.
-    pub fn is_lost_or_hidden(&self) -> bool {
+    /// The same where what is hidden, or is now told as a boundary, counts as lost, too.
+    pub fn is_lost_strictly(&self) -> bool {
         self.end != End::Left
     }
 }
@@ -87,6 +89,6 @@ mod tests {
         let life = |seconds, end| Life { seconds, end };
         let some = [life(1.0, End::Hidden), life(2.0, End::Lost), life(3.0, End::Lost), life(4.0, End::Left)];
         assert_eq!(median_life(&some), Some((3.0, false)));
-        assert_eq!(super::median_life(&some, Life::is_lost_or_hidden), Some((2.0, false)));
+        assert_eq!(super::median_life(&some, Life::is_lost_strictly), Some((2.0, false)));
     }
 }

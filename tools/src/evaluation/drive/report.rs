@@ -48,7 +48,7 @@ impl DriveReport {
 /// Columns of the table after the name.
 pub const COLUMNS: [&str; 19] = [
     "frames", "s", "off %", "clear", "warning", "alarm", "warnings", "alarms", "judged", "false", "tracks",
-    "a frame", "moving", "in strip", "life s", "hidden s", "jumps %", "pred %", "unfree %",
+    "a frame", "moving", "in strip", "life s", "strict s", "jumps %", "pred %", "unfree %",
 ];
 
 /// The cells of a row below [`COLUMNS`]; a dash where there is no figure.
@@ -74,7 +74,7 @@ pub fn cells(score: &DriveScore) -> [String; COLUMNS.len()] {
         score.moving_obstacles.to_string(),
         score.in_strip_obstacles.to_string(),
         life(score.life_median_s, score.life_is_lower_limit),
-        life(score.life_with_hidden_s, score.life_with_hidden_is_lower_limit),
+        life(score.life_strict_s, score.life_strict_is_lower_limit),
         share(score.width_jumps_percent),
         share(score.predicted_percent),
         share(score.not_free_percent),

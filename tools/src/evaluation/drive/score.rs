@@ -128,14 +128,16 @@ pub struct DriveScore {
     pub tracks_lost: usize,
     /// Of them ended behind something much nearer.
     pub tracks_hidden: usize,
+    /// Of them ended because their thing is now told as a boundary.
+    pub tracks_to_boundary: usize,
     /// Time after which half of the tracks are lost while their thing is in view.
     pub life_median_s: Option<f64>,
     /// Whether fewer than half were lost: the median is then the longest life, and the true one is longer.
     pub life_is_lower_limit: bool,
-    /// Time after which half of the tracks are lost or hidden.
-    pub life_with_hidden_s: Option<f64>,
+    /// The same where what is hidden, or is now told as a boundary, counts as lost, too.
+    pub life_strict_s: Option<f64>,
     /// See [`Self::life_is_lower_limit`].
-    pub life_with_hidden_is_lower_limit: bool,
+    pub life_strict_is_lower_limit: bool,
     /// Boxes of confirmed tracks.
     pub boxes: usize,
     /// Share of boxes that are predictions, in percent.
@@ -292,7 +294,8 @@ impl Tally {
     pub fn score(&self) -> DriveScore {
         let s = &self.steadiness;
         let life = median_life(&s.lives, Life::is_lost);
-        let with_hidden = median_life(&s.lives, Life::is_lost_or_hidden);
+        let strict = median_life(&s.lives, Life::is_lost_strictly);
+        let ended = |end: End| s.lives.iter().filter(|life| life.end == end).count();
         let per_frame = |count: usize| tidy(count as f64 / self.judged.max(1) as f64);
         let in_strip = self.false_obstacles + self.moving_obstacles;
         DriveScore {
@@ -316,12 +319,13 @@ impl Tally {
             not_free_m: tidy(self.ground.not_free_m),
             not_free_percent: self.ground.not_free_percent().map(tidy),
             tracks: s.lives.len(),
-            tracks_lost: s.lives.iter().filter(|life| life.is_lost()).count(),
-            tracks_hidden: s.lives.iter().filter(|life| life.end == End::Hidden).count(),
+            tracks_lost: ended(End::Lost),
+            tracks_hidden: ended(End::Hidden),
+            tracks_to_boundary: ended(End::Boundary),
             life_median_s: life.map(|(seconds, _)| tidy(seconds)),
             life_is_lower_limit: life.is_some_and(|(_, is_limit)| is_limit),
-            life_with_hidden_s: with_hidden.map(|(seconds, _)| tidy(seconds)),
-            life_with_hidden_is_lower_limit: with_hidden.is_some_and(|(_, is_limit)| is_limit),
+            life_strict_s: strict.map(|(seconds, _)| tidy(seconds)),
+            life_strict_is_lower_limit: strict.is_some_and(|(_, is_limit)| is_limit),
             boxes: s.boxes,
             predicted_percent: percent(s.predicted, s.boxes),
             without_size: s.without_size,

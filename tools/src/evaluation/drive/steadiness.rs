@@ -32,6 +32,11 @@ const RANGE_SHARE: f64 = 0.1;
 /// hidden if the boxes of what is nearer cover at least this share of its own.
 const HIDDEN_SHARE: f64 = 0.5;
 
+/// A thing is told as a boundary if one passes its place at most this far beside it, in metres,
+const BOUNDARY_M: f64 = 0.5;
+/// at most this time after its last sighting, in seconds: as long as tracks are predicted, or boundaries are confirmed.
+const BOUNDARY_S: f64 = 0.5;
+
 /// A width jumps if it grows or shrinks by more than this factor from one frame to the next.
 pub const MAX_WIDTH_RATIO: f64 = 1.3;
 
@@ -112,9 +117,9 @@ impl View {
 
     /// Why nothing more was seen of a track.
     fn end(&self, seen: &Seen<'_>, records: &[FrameRecord]) -> End {
-        let [Some((at, last)), before] = seen.last else { return End::Lost };
+        let [Some((at, last_line)), before] = seen.last else { return End::Lost };
         let far_m = self.range.at_m(records[at].motion.speed_m_s.unwrap_or(0.0));
-        let last = Place::of(last);
+        let last = Place::of(last_line);
         let next = before.map_or(last, |(before_at, before)| {
             last.moved_on(&Place::of(before), (at - before_at).max(1) as f64)
         });
@@ -122,10 +127,33 @@ impl View {
             End::Left
         } else if records.get(at + 1).is_some_and(|r| next.hidden_share(&r.obstacles) >= HIDDEN_SHARE) {
             End::Hidden
+        } else if becomes_boundary(last_line, records, at) {
+            End::Boundary
         } else {
             End::Lost
         }
     }
+}
+
+/// Whether a boundary passes the place of what was seen in frame `at`, and stands, soon after.
+fn becomes_boundary(thing: &ObstacleLine, records: &[FrameRecord], at: usize) -> bool {
+    let start_s = records[at].time_s;
+    records[at + 1..].iter().take_while(|record| record.time_s - start_s <= BOUNDARY_S).any(|record| {
+        let way_m = records[at].motion.speed_m_s.unwrap_or(0.0) * (record.time_s - start_s);
+        let place = [thing.lateral_m, thing.distance_m - way_m];
+        let reach_m = thing.width_m / 2.0 + BOUNDARY_M;
+        let is_beside = |pair: &[[f64; 2]]| from_line_m(place, pair[0], pair[1]) <= reach_m;
+        record.boundaries.iter().any(|boundary| boundary.points_m.windows(2).any(is_beside))
+    })
+}
+
+/// Distance of a point from a line between two others, in metres.
+fn from_line_m(point: [f64; 2], from: [f64; 2], to: [f64; 2]) -> f64 {
+    let minus = |a: [f64; 2], b: [f64; 2]| [a[0] - b[0], a[1] - b[1]];
+    let (line, own) = (minus(to, from), minus(point, from));
+    let share = (own[0] * line[0] + own[1] * line[1]) / (line[0].powi(2) + line[1].powi(2)).max(1e-9);
+    let share = share.clamp(0.0, 1.0);
+    (own[0] - share * line[0]).hypot(own[1] - share * line[1])
 }
 
 /// Whether a box has no size.
@@ -137,8 +165,8 @@ fn is_without_size(obstacle: &ObstacleLine) -> bool {
 ///
 /// A track's life ends with its last sighting. It is lost if its thing should still be seen then: its box touches neither
 /// the sides of what both cameras see nor the lower edge of the picture, its distance is within the range, the same holds for the box
-/// moved on to the next frame by its last step, nothing that is much nearer covers that, and the recording goes on after the
-/// track's end.
+/// moved on to the next frame by its last step, nothing that is much nearer covers that, it is not told as a boundary instead, and the
+/// recording goes on after the track's end.
 pub fn steadiness(records: &[FrameRecord], view: &View) -> Steadiness {
     let mut found = Steadiness::default();
     let mut tracks: BTreeMap<u32, Seen<'_>> = BTreeMap::new();
@@ -203,6 +231,7 @@ impl Steadiness {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reporting::space::BoundaryLine;
 
     const VIEW: View =
         View { width_px: 640, height_px: 480, px_at_1_m: 200.0, near_m: 2.0, range: Range::fixed(60.0) };
@@ -285,6 +314,23 @@ mod tests {
         assert_eq!(end(10.0, 0.4, true), End::Lost);
         assert_eq!(end(16.0, 1.0, true), End::Lost, "its own side, or that of the other");
         assert_eq!(end(10.0, 1.0, false), End::Lost);
+    }
+
+    #[test]
+    fn what_is_told_as_a_boundary_from_then_on_is_not_lost() {
+        // A piece of a fence 20 m ahead and 3 m to the left; we drive 10 m/s. In a later frame a fence is told there, or elsewhere.
+        let end = |frame: usize, lateral_m: f64| {
+            let piece = ObstacleLine { lateral_m: -3.0, ..line(1, 300, 50, 0) };
+            let mut records =
+                drive((0..9).map(|i| if i == 0 { vec![piece.clone()] } else { vec![] }).collect());
+            records[0].motion.speed_m_s = Some(10.0);
+            let points_m = vec![[lateral_m, 10.0], [lateral_m, 22.0]];
+            records[frame].boundaries = vec![BoundaryLine { points_m, ..BoundaryLine::default() }];
+            steadiness(&records, &VIEW).lives[0].end
+        };
+        assert_eq!(end(3, -3.3), End::Boundary);
+        assert_eq!(end(3, -4.5), End::Lost, "beside it");
+        assert_eq!(end(7, -3.3), End::Lost, "too late");
     }
 
     #[test]

@@ -70,7 +70,9 @@ fn what_stands_in_the_driven_strip_is_false_and_the_path_only_judges() {
     }
     assert_eq!((&aside["in_strip_obstacles"], &aside["in_strip_tracks"]), (&0.into(), &0.into()), "{aside}");
     // What the stages say does not depend on the path.
-    for figure in ["levels", "warnings", "alarms", "off_reasons", "tracks", "boxes", "life_median_s"] {
+    for figure in
+        ["levels", "warnings", "alarms", "off_reasons", "tracks", "boxes", "life_median_s", "life_strict_s"]
+    {
         assert_eq!(ahead[figure], aside[figure], "{figure}");
     }
     let count = |level: &str| ahead["levels"][level].as_u64().unwrap();

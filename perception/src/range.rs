@@ -49,8 +49,7 @@ impl Range {
         Self::needed_m(speed_m_s).max(self.slow_m).min(self.fast_m)
     }
 
-    /// How far ahead that can be met soon is that comes as fast as we drive, at a speed in m/s, in metres: what is farther away is not
-    /// urgent.
+    /// Distance within which traffic that comes towards us as fast as we drive is met within [`MEETING_S`], at a speed in m/s, in metres.
     pub fn needed_m(speed_m_s: f64) -> f64 {
         2.0 * speed_m_s * MEETING_S
     }

@@ -22,11 +22,19 @@ pub struct BoundaryPoint {
     pub height_m: f64,
     /// Standard deviation of the position across the boundary, in metres.
     pub sigma_m: f64,
-    /// Length of the surface that was seen between the point before it and this one, in metres: where somebody may have passed
-    /// unseen, nothing.
+    /// Length of the surface that was seen between the point before it and this one, in metres; 0 for the first point, and across gaps
+    /// that somebody may pass.
     pub solid_m: f64,
-    /// Time for which the point has not been seen, in seconds.
+    /// How long the point has not been seen, as a part of [`super::limits::FORGET_S`], in seconds: slower while something hides it,
+    /// faster where what is behind it is seen.
     pub unseen_s: f64,
+}
+
+impl BoundaryPoint {
+    /// Distance from another one, in metres.
+    pub(crate) fn from_m(&self, other: &Self) -> f64 {
+        (self.lateral_m - other.lateral_m).hypot(self.distance_m - other.distance_m)
+    }
 }
 
 /// Where a boundary stands.
@@ -71,10 +79,16 @@ impl Boundary {
     pub(crate) fn push(&mut self, point: BoundaryPoint) -> bool {
         let has_room = self.count < MAX_POINTS;
         if has_room {
-            self.points[self.count] = point;
+            let solid_m = if self.count == 0 { 0.0 } else { point.solid_m };
+            self.points[self.count] = BoundaryPoint { solid_m, ..point };
             self.count += 1;
         }
         has_room
+    }
+
+    /// Length of what was seen of it, in metres.
+    pub(crate) fn solid_m(&self) -> f64 {
+        self.points().iter().map(|point| point.solid_m).sum()
     }
 
     /// Length in metres.

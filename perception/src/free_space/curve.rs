@@ -115,6 +115,8 @@ pub struct CurveFinder {
     rig: Rig,
     visited: Vec<bool>,
     members: Vec<Member>,
+    /// Those of a curve that is divided into parts.
+    whole: Vec<Member>,
     /// Heights with the length that has them.
     heights: Vec<(f64, f64)>,
     curves: Vec<Boundary>,
@@ -129,14 +131,15 @@ impl CurveFinder {
             rig,
             visited: Vec::with_capacity(stixels.capacity()),
             members: Vec::with_capacity(stixels.strips()),
+            whole: Vec::with_capacity(stixels.strips()),
             heights: Vec::with_capacity(stixels.strips()),
             curves: Vec::with_capacity(MAX_CURVES),
             parts: Vec::with_capacity(MAX_CURVES),
         }
     }
 
-    /// The curves in the free stixels of a frame with this noise of disparity (px): those that are boundaries, and those that are too
-    /// short to tell, and may be what is still seen of one.
+    /// The curves in the free stixels of a frame with this noise of disparity (px): those that are boundaries, and parts that are too
+    /// short to tell.
     pub fn find(&mut self, stixels: &Stixels, uses: &[StixelUse], noise_px: f64) -> [&[Boundary]; 2] {
         self.visited.clear();
         self.visited.extend(uses.iter().map(|stixel_use| !stixel_use.is_free()));
@@ -155,9 +158,8 @@ impl CurveFinder {
             if self.is_boundary() {
                 let curve = self.curve();
                 self.curves.push(curve);
-            } else if self.parts.len() < MAX_CURVES && self.keep_resolved() {
-                let curve = self.curve();
-                self.parts.push(curve);
+            } else {
+                self.add_parts();
             }
         }
         [&self.curves, &self.parts]
@@ -295,24 +297,24 @@ impl CurveFinder {
             || self.is_high()
     }
 
-    /// Keeps the longest run of members in which a gap of [`MAX_GAP_M`] would be seen, if it is long and steady enough to be a part of a
+    /// Adds the runs of members in which a gap of [`MAX_GAP_M`] would be seen, if they are long and steady enough to be parts of a
     /// boundary.
-    fn keep_resolved(&mut self) -> bool {
+    fn add_parts(&mut self) {
         let is_resolved = |member: &Member| member.seen_m > 0.0 && member.seen_m <= MAX_GAP_M;
-        let (mut best, mut longest_m) = (0..0, 0.0);
-        let (mut from, mut length_m) = (0, 0.0);
-        for (i, member) in self.members.iter().enumerate() {
-            (from, length_m) = if is_resolved(member) { (from, length_m + member.seen_m) } else { (i, 0.0) };
-            if length_m > longest_m {
-                (best, longest_m) = (from..i + 1, length_m);
+        let all = std::mem::take(&mut self.whole);
+        self.whole = std::mem::replace(&mut self.members, all);
+        let mut from = 0;
+        while from < self.whole.len() && self.parts.len() < MAX_CURVES {
+            let run = self.whole[from + 1..].iter().take_while(|member| is_resolved(member)).count() + 1;
+            self.members.clear();
+            self.members.extend_from_slice(&self.whole[from..from + run]);
+            self.members[0].seen_m = 0.0;
+            if self.is_steady(MAX_GAP_M, MIN_PART_M).is_some() {
+                let curve = self.curve();
+                self.parts.push(curve);
             }
+            from += run;
         }
-        self.members.truncate(best.end);
-        self.members.drain(..best.start);
-        if let Some(first) = self.members.first_mut() {
-            first.seen_m = 0.0;
-        }
-        self.is_steady(MAX_GAP_M, MIN_PART_M).is_some()
     }
 
     /// Whether what is seen of the members is higher than any vehicle.

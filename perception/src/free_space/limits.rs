@@ -39,7 +39,7 @@ pub const MAX_HIDDEN_M: f64 = 6.0;
 /// and than a van.
 pub const MIN_LENGTH_M: f64 = 8.0;
 
-/// Smallest length of what is still seen of a boundary that was longer before, in metres: enough for its direction.
+/// Smallest length of a part of a boundary that is followed, in metres: enough for its direction.
 pub const MIN_PART_M: f64 = 2.0;
 
 /// No vehicle that is lower than this (metres) is as long as [`MIN_LENGTH_M`].
@@ -79,8 +79,15 @@ pub const CONFIRM_S: f64 = 0.3;
 pub const FORGET_S: f64 = 0.5;
 /// while something nearer hides it, in seconds: at 4 m/s a parked car and its gap are passed;
 pub const FORGET_HIDDEN_S: f64 = 2.0;
-/// and where what is behind it is seen, in seconds: two frames, one of which may be wrong.
+/// and where what is behind it is seen, in seconds: at 10 frames a second one wrong frame is forgiven, and what hid a point before is
+/// not.
 pub const FORGET_THROUGH_S: f64 = 0.15;
+
+/// Share of a part that lies beside what it is joined with: the rest may be the blur of a depth edge.
+pub const PART_SHARE: f64 = 0.5;
+
+/// Least distance between known points, in metres.
+pub const MIN_SPACING_M: f64 = 0.5;
 
 /// Part of a boundary that tells whether it is still there, as shares of its height: not its foot, where the ground before it is seen.
 pub const LOOK_ROWS: std::ops::Range<f64> = 0.25..1.0;
@@ -88,6 +95,10 @@ pub const LOOK_ROWS: std::ops::Range<f64> = 0.25..1.0;
 pub const LOOK_SEEN_SHARE: f64 = 0.3;
 /// and in which something else is seen instead.
 pub const LOOK_HIDDEN_SHARE: f64 = 0.5;
+/// Fewest rows with a disparity that tell, and their share of all rows.
+pub const LOOK_MIN_ROWS: u32 = 3;
+/// See [`LOOK_MIN_ROWS`].
+pub const LOOK_KNOWN_SHARE: f64 = 0.25;
 
 /// Margin of the own path on each side, in metres: what stands so near to the path stays an obstacle.
 pub const PATH_MARGIN_M: f64 = 0.4;

@@ -6,9 +6,9 @@
 //!
 //! 1. [`ground_grid`]: heights above the road by direction and distance; [`raised_ground`]: lawns and pavements among them.
 //! 2. [`curve`]: stixels that continue each other along a wall, a hedge or a guard rail. A boundary is longer than a
-//!    vehicle, goes on without the gaps between parked cars, and has a steady height, or is higher than any vehicle;
-//!    what is still seen of a high one stays one.
-//!    [`track`] filters them over frames. What stands before a boundary (`relief`) is no part of it.
+//!    vehicle, goes on without the gaps between parked cars, and has a steady height, or is higher than any vehicle.
+//!    [`track`] filters them over frames, puts parts together, and looks whether known points are still there (`look`). What
+//!    stands before a boundary (`relief`) is no part of it.
 //! 3. [`sectors`]: the free distance of each direction. Unknown ground is not free.
 //!
 //! A boundary may stand across the way: an end wall, a barrier, the rail of a bend that is not taken. What of it is in the
@@ -41,7 +41,7 @@ use limits::{
     GATE_SIGMAS, HEIGHT_STEP_M, LOW_HEIGHT_M, MAX_GATE_M, MAX_GROUND_M, MAX_SPREAD_M, RELIEF_STRIPS,
     ROUGHNESS_M,
 };
-use look::Sight;
+use look::FrameView;
 use raised_ground::RaisedGround;
 use relief::Relief;
 use road_view::RoadView;
@@ -125,8 +125,8 @@ impl FreeSpaceFinder {
         self.corridor = corridor;
         self.mark_raised_ground(stixels, road);
         let curves = self.curves.find(stixels, &self.uses, road.surface.noise_px());
-        let sight = Sight { stixels, surface: road.surface, rig: self.rig };
-        self.tracks.update(curves, step, elapsed_s, |boundary, point| sight.look(boundary, point));
+        let view = FrameView { stixels, surface: road.surface, rig: self.rig };
+        self.tracks.update(curves, step, elapsed_s, |boundary, i| view.look(boundary, i));
         self.tracks.publish(&corridor);
         self.mark_boundaries(stixels, road.surface.noise_px());
         for (stixel_use, stixel) in self.uses.iter_mut().zip(stixels.list()) {

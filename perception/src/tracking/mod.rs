@@ -49,9 +49,7 @@ use detection_rate::DetectionRate;
 use filter::estimate::MIN_DISTANCE_M;
 use filter::ground::Movement;
 pub use parameters::TrackerParameters;
-use parameters::{
-    BESIDE_M, KEEP_PROBABILITY, MAX_EVIDENCE, MIN_URGENT_M, UNHURRIED_PROBABILITY, UNMATCHED_COST,
-};
+use parameters::{BESIDE_M, KEEP_PROBABILITY, MAX_EVIDENCE, MIN_URGENT_M, UNHURRIED_S, UNMATCHED_COST};
 use passing::Passing;
 pub use track::{Obstacle, Track};
 use visibility::{Expected, inside_share, visible_share};
@@ -273,6 +271,7 @@ impl Tracker {
         for track in &mut self.tracks {
             track.missed = track.missed.saturating_add(1);
             track.unseen_s += elapsed_s;
+            track.known_s += elapsed_s;
             track.detection = None;
             track.movement_before = track.movement;
             self.bodies.push(track.body_in_view(&self.rig, self.size));
@@ -484,6 +483,7 @@ impl Tracker {
                 (kept.movement, kept.movement_before, kept.seen) = (part.movement, part.movement, part.seen);
             }
             self.tracks[older].id = id;
+            self.tracks[older].known_s = self.tracks[older].known_s.max(part.known_s);
             self.numbers.iter_mut().filter(|number| ids.contains(number)).for_each(|number| *number = id);
             self.tracks[ended].existence = existence::Existence::new(MIN_EVIDENCE);
         }
@@ -492,26 +492,27 @@ impl Tracker {
     /// Confirms tracks, ends those that do not exist or left the picture, and sets the boxes of all others.
     fn judge(&mut self) {
         let (parameters, cameras) = (self.parameters, (self.rig, self.size));
-        let own_width_m = self.body.width_m;
-        let needed_m = self.speed_m_s.map_or(f64::INFINITY, |speed| Range::needed_m(speed).max(MIN_URGENT_M));
+        let (body, needed_m) = (self.body, self.needed_m());
         let keep = KEEP_PROBABILITY.min(parameters.confirm_probability);
         self.tracks.retain_mut(|track| {
             let probability = track.existence.probability();
-            let beside_m = track.lateral_m().abs() - (track.extent.width_m + own_width_m) / 2.0;
-            let is_urgent = beside_m <= BESIDE_M && track.distance_m() <= needed_m;
-            let confirm = parameters.confirm_probability;
-            let level = match track.is_confirmed {
-                true => keep,
-                false if is_urgent => confirm,
-                false => confirm.max(UNHURRIED_PROBABILITY),
+            track.is_confirmed = if track.is_confirmed {
+                probability >= keep
+            } else {
+                let is_time = track.known_s >= UNHURRIED_S || is_urgent(track, &body, needed_m);
+                probability >= parameters.confirm_probability && is_time
             };
-            track.is_confirmed = probability >= level;
             let is_known = track.missed == 0 || !is_outside(&track.body(&cameras.0), track, cameras.1);
             is_known
                 && !track.existence.is_over()
                 && track.unseen_s <= parameters.max_unseen_s
                 && track.place_box(cameras)
         });
+    }
+
+    /// Distance within which things are urgent, in metres; while the own speed is unknown all are.
+    fn needed_m(&self) -> f64 {
+        self.speed_m_s.map_or(f64::INFINITY, |speed_m_s| Range::needed_m(speed_m_s).max(MIN_URGENT_M))
     }
 
     /// Sightings of tracks that have ended belong to none.
@@ -535,7 +536,8 @@ impl Tracker {
                 && self.tracks.len() < self.parameters.max_count
             {
                 let mut track = Track::begin(self.next_id, s, region, cameras, self.own.as_ref());
-                track.is_confirmed = track.existence.probability() >= self.parameters.confirm_probability;
+                track.is_confirmed = track.existence.probability() >= self.parameters.confirm_probability
+                    && is_urgent(&track, &self.body, self.needed_m());
                 if self.own.is_some() {
                     track.boundary.look(before_wall(&track, frame), 0.0);
                 }
@@ -549,6 +551,13 @@ impl Tracker {
             }
         }
     }
+}
+
+/// Whether what a track follows is so near to the straight way of the vehicle, and so near ahead, that there is no time for a third look.
+fn is_urgent(track: &Track, body: &Body, needed_m: f64) -> bool {
+    let from_middle_m = (track.lateral_m() + body.camera_right_m).abs();
+    let beside_m = from_middle_m - (track.extent.width_m + body.width_m) / 2.0;
+    beside_m <= BESIDE_M && track.distance_m() <= needed_m
 }
 
 /// How the outline of a track stands before the wall of which it may be a part.

@@ -3,7 +3,7 @@
 /// Parameters of the tracker that the configuration sets.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackerParameters {
-    /// Probability of existence from which a track is confirmed as an obstacle.
+    /// Probability of existence from which a track is confirmed as an obstacle; what is not urgent waits ([`UNHURRIED_S`]).
     pub confirm_probability: f64,
     /// Longest time for which a track is predicted without a sighting, in seconds.
     pub max_unseen_s: f64,
@@ -35,14 +35,14 @@ impl Default for TrackerParameters {
 /// Probability that a sighting that belongs to no track is a real thing, before its evidence counts; and the probability
 /// below which a track ends, as less is then known of it than before it was seen.
 pub const BIRTH_PROBABILITY: f64 = 0.2;
-/// What is farther beside the straight way of the vehicle than this, in metres, or farther ahead than the speed asks for
-/// ([`crate::range::Range::needed_m`]), and than this, in metres, is not urgent:
+/// A thing is urgent if it is at most this far beside the straight way of the vehicle, in metres, and within the distance that the speed
+/// asks for ([`crate::range::Range::needed_m`]).
 pub const BESIDE_M: f64 = 2.5;
-/// See [`BESIDE_M`].
+/// What is nearer than this is urgent at any speed, in metres.
 pub const MIN_URGENT_M: f64 = 30.0;
-/// it is confirmed from this probability on. That takes a third sighting, however distinct two are: pieces of fences, hedges and far
-/// rows of cars often have two.
-pub const UNHURRIED_PROBABILITY: f64 = 0.985;
+/// What is not urgent is confirmed this time after its first sighting at the earliest, in seconds: as long as boundaries need
+/// ([`crate::free_space::limits::CONFIRM_S`]). Pieces of fences, hedges and far rows of cars often have two or three distinct sightings and no more.
+pub const UNHURRIED_S: f64 = 0.3;
 /// A confirmed track remains confirmed down to this probability, so that one missed sighting changes nothing.
 pub const KEEP_PROBABILITY: f64 = 0.8;
 /// Largest evidence of one sighting, as suffices in a single picture ([`crate::detection::SINGLE_PICTURE_EVIDENCE`]). However

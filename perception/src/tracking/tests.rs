@@ -141,6 +141,36 @@ fn tracks_are_confirmed_bridged_and_deleted() {
     assert_eq!(tracker.tracks(), []);
 }
 
+/// Sightings of a thing beside the way at 10 m/s until it is confirmed.
+fn sightings_to_confirm(distance_m: f64, lateral_m: f64, speed_m_s: Option<f64>) -> u64 {
+    let (mut tracker, period_s) = (tracker(), PERIOD_NS as f64 * 1e-9);
+    for frame in 0.. {
+        let ahead_m = distance_m - speed_m_s.unwrap_or(0.0) * period_s * frame as f64;
+        let motion = speed_m_s.map(|speed_m_s| Motion { speed_m_s, ..Motion::default() });
+        let sightings = [sized(ahead_m, lateral_m, 0.8, 1.5)];
+        tracker.follow(&Frame { motion, ..Frame::new(frame * PERIOD_NS, &sightings) });
+        if tracker.confirmed().count() > 0 {
+            return frame + 1;
+        }
+        assert!(frame < 20, "never at {distance_m} m, {lateral_m} m");
+    }
+    unreachable!()
+}
+
+#[test]
+fn what_is_not_urgent_is_confirmed_after_three_tenths_of_a_second() {
+    let speed = Some(10.0);
+    assert_eq!(sightings_to_confirm(20.0, 0.5, speed), 2);
+    // The vehicle is 1.8 m wide, the thing 0.8 m: 2.5 m beside are 3.8 m from the middle.
+    assert_eq!(sightings_to_confirm(20.0, 3.6, speed), 2);
+    // 0.32 s after the first one.
+    assert_eq!(sightings_to_confirm(20.0, -4.1, speed), 5);
+    // At 10 m/s traffic that comes as fast is met within 3.2 s from 64 m.
+    assert_eq!((sightings_to_confirm(56.0, 0.0, speed), sightings_to_confirm(56.0, 0.0, Some(6.0))), (2, 5));
+    // Nobody knows what is urgent.
+    assert_eq!(sightings_to_confirm(56.0, 0.0, None), 2);
+}
+
 #[test]
 fn what_is_confirmed_at_a_low_probability_stays_confirmed() {
     let parameters = TrackerParameters { confirm_probability: 0.6, ..TrackerParameters::default() };

@@ -57,6 +57,8 @@ pub struct Track {
     pub missed: u32,
     /// Time since the last sighting, in seconds; 0 if it is seen in this frame.
     pub unseen_s: f64,
+    /// Time since the first sighting, in seconds.
+    pub known_s: f64,
     /// Consecutive frames with a sighting, up to this one.
     pub consecutive_frames: u32,
     /// Smoothed change of the measured width from frame to frame: mean absolute log ratio.
@@ -109,6 +111,7 @@ impl Track {
             seen: 1,
             missed: 0,
             unseen_s: 0.0,
+            known_s: 0.0,
             movement: Movement::Unknown,
             movement_before: Movement::Unknown,
             rest_frames: 0,

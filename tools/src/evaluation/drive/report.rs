@@ -111,11 +111,13 @@ impl fmt::Display for DriveReport {
             let (boxes, tracks) = (score.moving_obstacles, score.moving_tracks);
             writeln!(f, "{boxes} boxes of {tracks} tracks in the driven strip moved along: not judged")?;
         }
-        let (lost, hidden, tracks) = (score.tracks_lost, score.tracks_hidden, score.tracks);
-        writeln!(
+        let (lost, tracks) = (score.tracks_lost, score.tracks);
+        let (hidden, to_boundary) = (score.tracks_hidden, score.tracks_to_boundary);
+        write!(
             f,
-            "{lost} of {tracks} confirmed tracks were lost in view, {hidden} ended behind nearer things"
+            "{lost} of {tracks} confirmed tracks were lost in view; {hidden} went behind nearer things, "
         )?;
+        writeln!(f, "{to_boundary} became parts of boundaries")?;
         for recording in &self.recordings {
             writeln!(f, "{}: judged by {}", recording.name, recording.truth)?;
             for event in recording.events.iter().take(MAX_PRINTED) {

@@ -29,12 +29,12 @@ const EDGE_PX: f64 = 4.0;
 const RANGE_SHARE: f64 = 0.1;
 
 /// What is nearer than a thing by more than [`BODY_LENGTH_M`] may hide it; nearer still is a part of it, or it a part of that. It is
-/// hidden if the boxes of what is nearer cover at least this share of its own.
+/// hidden if the box of one such thing covers at least this share of its own.
 const HIDDEN_SHARE: f64 = 0.5;
 
-/// A thing is told as a boundary if one passes its place at most this far beside it, in metres,
+/// A thing is told as a boundary if a new one passes its near side at most this far beside an end or the middle of it, in metres,
 const BOUNDARY_M: f64 = 0.5;
-/// at most this time after its last sighting, in seconds: as long as tracks are predicted, or boundaries are confirmed.
+/// at most this time after its last sighting, in seconds: boundaries are confirmed in less.
 const BOUNDARY_S: f64 = 0.5;
 
 /// A width jumps if it grows or shrinks by more than this factor from one frame to the next.
@@ -87,7 +87,7 @@ impl Place {
         }
     }
 
-    /// Share of the box that lies within the boxes of much nearer things, at most 1.
+    /// Largest share of the box that lies within the box of one much nearer thing.
     fn hidden_share(&self, obstacles: &[ObstacleLine]) -> f64 {
         let [left, top, right, bottom] = self.edges;
         let is_nearer = |o: &&ObstacleLine| o.confirmed && o.distance_m < self.distance_m - BODY_LENGTH_M;
@@ -96,7 +96,7 @@ impl Place {
             (right.min(r) - left.max(l)).max(0.0) * (bottom.min(b) - top.max(t)).max(0.0)
         };
         let area_px2 = ((right - left) * (bottom - top)).max(1.0);
-        (obstacles.iter().filter(is_nearer).map(shared_px2).sum::<f64>() / area_px2).min(1.0)
+        obstacles.iter().filter(is_nearer).map(shared_px2).fold(0.0, f64::max) / area_px2
     }
 }
 
@@ -135,16 +135,21 @@ impl View {
     }
 }
 
-/// Whether a boundary passes the place of what was seen in frame `at`, and stands, soon after.
+/// Whether a boundary is told at the place of what was seen in frame `at`, and stands, soon after, and none was told there before.
 fn becomes_boundary(thing: &ObstacleLine, records: &[FrameRecord], at: usize) -> bool {
     let start_s = records[at].time_s;
-    records[at + 1..].iter().take_while(|record| record.time_s - start_s <= BOUNDARY_S).any(|record| {
-        let way_m = records[at].motion.speed_m_s.unwrap_or(0.0) * (record.time_s - start_s);
-        let place = [thing.lateral_m, thing.distance_m - way_m];
-        let reach_m = thing.width_m / 2.0 + BOUNDARY_M;
-        let is_beside = |pair: &[[f64; 2]]| from_line_m(place, pair[0], pair[1]) <= reach_m;
+    let speed_m_s = records[at].motion.speed_m_s.unwrap_or(0.0);
+    let is_told = |record: &FrameRecord| {
+        let ahead_m = thing.distance_m - speed_m_s * (record.time_s - start_s);
+        // Its near side: both ends and the middle.
+        let places = [-0.5, 0.0, 0.5].map(|share| [thing.lateral_m + share * thing.width_m, ahead_m]);
+        let is_beside = |pair: &[[f64; 2]]| {
+            places.iter().any(|place| from_line_m(*place, pair[0], pair[1]) <= BOUNDARY_M)
+        };
         record.boundaries.iter().any(|boundary| boundary.points_m.windows(2).any(is_beside))
-    })
+    };
+    let mut after = records[at + 1..].iter().take_while(|record| record.time_s - start_s <= BOUNDARY_S);
+    !is_told(&records[at]) && after.any(is_told)
 }
 
 /// Distance of a point from a line between two others, in metres.
@@ -319,18 +324,22 @@ mod tests {
     #[test]
     fn what_is_told_as_a_boundary_from_then_on_is_not_lost() {
         // A piece of a fence 20 m ahead and 3 m to the left; we drive 10 m/s. In a later frame a fence is told there, or elsewhere.
-        let end = |frame: usize, lateral_m: f64| {
+        let end = |frames: &[usize], lateral_m: f64| {
             let piece = ObstacleLine { lateral_m: -3.0, ..line(1, 300, 50, 0) };
             let mut records =
                 drive((0..9).map(|i| if i == 0 { vec![piece.clone()] } else { vec![] }).collect());
             records[0].motion.speed_m_s = Some(10.0);
             let points_m = vec![[lateral_m, 10.0], [lateral_m, 22.0]];
-            records[frame].boundaries = vec![BoundaryLine { points_m, ..BoundaryLine::default() }];
+            for frame in frames {
+                let points_m = points_m.clone();
+                records[*frame].boundaries = vec![BoundaryLine { points_m, ..BoundaryLine::default() }];
+            }
             steadiness(&records, &VIEW).lives[0].end
         };
-        assert_eq!(end(3, -3.3), End::Boundary);
-        assert_eq!(end(3, -4.5), End::Lost, "beside it");
-        assert_eq!(end(7, -3.3), End::Lost, "too late");
+        assert_eq!(end(&[3], -3.8), End::Boundary);
+        assert_eq!(end(&[3], -4.2), End::Lost, "beside it");
+        assert_eq!(end(&[7], -3.8), End::Lost, "too late");
+        assert_eq!(end(&[0, 1, 2, 3], -3.8), End::Lost, "it was there before");
     }
 
     #[test]

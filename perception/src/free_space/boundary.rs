@@ -32,7 +32,7 @@ pub struct BoundaryPoint {
 
 impl BoundaryPoint {
     /// Distance from another one, in metres.
-    pub(crate) fn from_m(&self, other: &Self) -> f64 {
+    pub(crate) fn apart_m(&self, other: &Self) -> f64 {
         (self.lateral_m - other.lateral_m).hypot(self.distance_m - other.distance_m)
     }
 }

@@ -190,7 +190,11 @@ impl TrackList {
                 }
                 let (a, b) = (self.tracks[i], self.tracks.remove(j));
                 // The number is that of the boundary, of two boundaries that of the older one; the place that of what was measured.
-                let id = if b.is_boundary && !a.is_boundary { b.boundary.id } else { a.boundary.id };
+                let id = match (a.is_boundary, b.is_boundary) {
+                    (true, false) => a.boundary.id,
+                    (false, true) => b.boundary.id,
+                    _ => a.boundary.id.min(b.boundary.id),
+                };
                 let [measured, known] = if a.is_matched { [a, b] } else { [b, a] };
                 let mut boundary = joined(&measured.boundary, &known.boundary);
                 boundary.id = id;
@@ -244,7 +248,7 @@ fn divide(boundary: &mut Boundary) {
     run.clear();
     let mut longest = run;
     for (i, point) in boundary.points().iter().enumerate() {
-        let step_m = i.checked_sub(1).map_or(0.0, |before| point.from_m(&boundary.points()[before]));
+        let step_m = i.checked_sub(1).map_or(0.0, |before| point.apart_m(&boundary.points()[before]));
         if step_m - point.solid_m > MAX_HIDDEN_M {
             longest = longer(longest, run);
             run.clear();
@@ -384,7 +388,7 @@ fn joined(curve: &Boundary, known: &Boundary) -> Boundary {
     known_points[..left].iter().for_each(|point| all.push(*point));
     // What was seen between the last point that is kept and the next one goes on to the curve, and from the curve to what comes after it.
     let seam_m = |next: usize, from: &BoundaryPoint, to: &BoundaryPoint| {
-        known_points.get(next).map_or(0.0, |point| point.solid_m.min(from.from_m(to)))
+        known_points.get(next).map_or(0.0, |point| point.solid_m.min(from.apart_m(to)))
     };
     for (i, point) in curve.points().iter().enumerate() {
         let solid_m = match left.checked_sub(1) {
@@ -424,13 +428,13 @@ impl Joint {
     /// The boundary `known` with these points: both ends, and of the others as many as have room, at equal distances.
     fn thinned(&self, known: &Boundary) -> Boundary {
         let points = &self.points[..self.count];
-        let length_m: f64 = points.windows(2).map(|pair| pair[1].from_m(&pair[0])).sum();
+        let length_m: f64 = points.windows(2).map(|pair| pair[1].apart_m(&pair[0])).sum();
         let spacing_m = MIN_SPACING_M.max(length_m / (MAX_POINTS - 2) as f64);
         let mut out = *known;
         out.clear();
         let (mut since_m, mut solid_m) = (f64::INFINITY, 0.0);
         for (i, point) in points.iter().enumerate() {
-            since_m += i.checked_sub(1).map_or(0.0, |before| point.from_m(&points[before]));
+            since_m += i.checked_sub(1).map_or(0.0, |before| point.apart_m(&points[before]));
             solid_m += point.solid_m;
             if since_m >= spacing_m || i + 1 == points.len() {
                 out.push(BoundaryPoint { solid_m, ..*point });

@@ -553,7 +553,7 @@ impl Tracker {
     }
 }
 
-/// Whether what a track follows is so near to the straight way of the vehicle, and so near ahead, that there is no time for a third look.
+/// Whether what a track follows is so near to the straight way of the vehicle, and so near ahead, that there is no time to wait.
 fn is_urgent(track: &Track, body: &Body, needed_m: f64) -> bool {
     let from_middle_m = (track.lateral_m() + body.camera_right_m).abs();
     let beside_m = from_middle_m - (track.extent.width_m + body.width_m) / 2.0;

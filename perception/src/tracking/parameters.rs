@@ -38,7 +38,7 @@ pub const BIRTH_PROBABILITY: f64 = 0.2;
 /// A thing is urgent if it is at most this far beside the straight way of the vehicle, in metres, and within the distance that the speed
 /// asks for ([`crate::range::Range::needed_m`]).
 pub const BESIDE_M: f64 = 2.5;
-/// What is nearer than this is urgent at any speed, in metres.
+/// Least value of that distance, in metres.
 pub const MIN_URGENT_M: f64 = 30.0;
 /// What is not urgent is confirmed this time after its first sighting at the earliest, in seconds: as long as boundaries need
 /// ([`crate::free_space::limits::CONFIRM_S`]). Pieces of fences, hedges and far rows of cars often have two or three distinct sightings and no more.

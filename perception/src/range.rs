@@ -49,7 +49,7 @@ impl Range {
         Self::needed_m(speed_m_s).max(self.slow_m).min(self.fast_m)
     }
 
-    /// Distance within which traffic that comes towards us as fast as we drive is met within [`MEETING_S`], at a speed in m/s, in metres.
+    /// Distance within which traffic that comes towards us as fast as we drive is met within 3.2 s, at a speed in m/s, in metres.
     pub fn needed_m(speed_m_s: f64) -> f64 {
         2.0 * speed_m_s * MEETING_S
     }

@@ -141,7 +141,7 @@ impl TrackList {
         self.tracks.retain(|track| track.boundary.points().len() > 1);
     }
 
-    /// Joins a curve with what is known of it, or follows it from now on. A whole boundary takes the place of a part, if there is no room.
+    /// Joins a curve with what is known of it, or follows it from now on. When the list is full, a whole boundary replaces a part.
     fn join(&mut self, curve: &Boundary, is_whole: bool, elapsed_s: f64) {
         // A part tells less than a whole: half of it goes on where it was known, as high.
         let share = if is_whole { 0.0 } else { PART_SHARE };
@@ -425,7 +425,7 @@ impl Joint {
         }
     }
 
-    /// The boundary `known` with these points: both ends, and of the others as many as have room, at equal distances.
+    /// The boundary `known` with these points, at most [`MAX_POINTS`]: both ends, and others at equal distances.
     fn thinned(&self, known: &Boundary) -> Boundary {
         let points = &self.points[..self.count];
         let length_m: f64 = points.windows(2).map(|pair| pair[1].apart_m(&pair[0])).sum();

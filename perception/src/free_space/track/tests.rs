@@ -149,7 +149,7 @@ fn what_is_one_gets_one_number() {
     list.publish(&Corridor::new(2.0, None));
     let [one] = list.boundaries() else { panic!("{:?}", list.boundaries()) };
     assert_eq!(one.id, ids.iter().copied().min().unwrap());
-    // Not more than has room, and both ends.
+    // At most as many points as a boundary holds, and both ends.
     let [near_m, far_m] = ends_m(one);
     assert!(one.points().len() <= MAX_POINTS && (near_m - 5.0).abs() < 0.1 && (far_m - 25.0).abs() < 0.1);
 }

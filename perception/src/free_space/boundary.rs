@@ -75,6 +75,39 @@ impl Boundary {
         self.count = 0;
     }
 
+    /// Drops as few points as leave the others from left to right: where it leads almost towards the camera, the errors of points and
+    /// what is hidden behind a corner put them behind each other.
+    pub(crate) fn put_in_order(&mut self) {
+        let before = *self;
+        let points = before.points();
+        let slope = |i: usize| points[i].lateral_m / points[i].distance_m;
+        if (1..points.len()).all(|i| slope(i - 1) < slope(i)) {
+            return;
+        }
+        // The longest row of points in order that ends at each point, and the point before it in that row.
+        let mut rows = [(1, None); MAX_POINTS];
+        for i in 1..points.len() {
+            let ahead = (0..i).filter(|j| slope(*j) < slope(i)).max_by_key(|j| rows[*j].0);
+            rows[i] = ahead.map_or((1, None), |j| (rows[j].0 + 1, ahead));
+        }
+        let mut is_kept = [false; MAX_POINTS];
+        let mut at = (0..points.len()).max_by_key(|i| rows[*i].0);
+        while let Some(i) = at {
+            is_kept[i] = true;
+            at = rows[i].1;
+        }
+        self.clear();
+        let mut solid_m = 0.0;
+        for (point, is_kept) in points.iter().zip(is_kept) {
+            solid_m += point.solid_m;
+            if is_kept {
+                let apart_m = self.points().last().map_or(0.0, |last| last.apart_m(point));
+                self.push(BoundaryPoint { solid_m: solid_m.min(apart_m), ..*point });
+                solid_m = 0.0;
+            }
+        }
+    }
+
     /// Adds a point; returns whether there was room.
     pub(crate) fn push(&mut self, point: BoundaryPoint) -> bool {
         let has_room = self.count < MAX_POINTS;

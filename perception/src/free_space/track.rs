@@ -135,6 +135,7 @@ impl TrackList {
         }
         self.merge();
         for track in &mut self.tracks {
+            track.boundary.put_in_order();
             divide(&mut track.boundary);
             track.is_boundary |= is_extended(&track.boundary);
         }

@@ -153,3 +153,28 @@ fn what_is_one_gets_one_number() {
     let [near_m, far_m] = ends_m(one);
     assert!(one.points().len() <= MAX_POINTS && (near_m - 5.0).abs() < 0.1 && (far_m - 25.0).abs() < 0.1);
 }
+
+#[test]
+fn points_that_fall_behind_each_other_are_dropped() {
+    let fold = |laterals_m: &[f64]| {
+        let mut boundary = Boundary::default();
+        for lateral_m in laterals_m {
+            let [height_m, solid_m] = [1.2, 1.0];
+            boundary.push(BoundaryPoint {
+                lateral_m: *lateral_m,
+                distance_m: 10.0,
+                height_m,
+                solid_m,
+                ..BoundaryPoint::default()
+            });
+        }
+        boundary.put_in_order();
+        let points = boundary.points().iter();
+        points.map(|point| (point.lateral_m, point.solid_m)).collect::<Vec<_>>()
+    };
+    assert_eq!(fold(&[1.0, 2.0, 3.0]), [(1.0, 0.0), (2.0, 1.0), (3.0, 1.0)]);
+    // What was seen up to a point that is dropped goes on to the next one, as far as that is away.
+    assert_eq!(fold(&[1.0, 2.0, 1.5, 2.5]), [(1.0, 0.0), (2.0, 1.0), (2.5, 0.5)]);
+    assert_eq!(fold(&[5.0, 1.0, 2.0, 2.0, 4.0]), [(1.0, 0.0), (2.0, 1.0), (4.0, 2.0)]);
+    assert_eq!(fold(&[]), []);
+}

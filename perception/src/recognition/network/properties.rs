@@ -14,22 +14,25 @@ pub const OTHER: &str = "other";
 /// Margin where the file names none.
 const DEFAULT_MARGIN: f32 = 0.1;
 
-/// The sizes that things of a class have.
+/// How wide things of a class are at least up to a height.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ClassSize {
-    /// Largest height, in metres.
-    pub max_height_m: f64,
+struct SizeStep {
+    max_height_m: f64,
     /// Smallest width, as a share of the height.
-    pub min_width_share: f64,
+    min_width_share: f64,
+}
+
+/// The sizes that things of a class have: steps of growing height; higher than the last one is nothing.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ClassSize {
+    steps: Vec<SizeStep>,
 }
 
 impl ClassSize {
-    /// Any size.
-    pub const ANY: Self = Self { max_height_m: f64::INFINITY, min_width_share: 0.0 };
-
-    /// Whether something of this width and height may be of the class.
+    /// Whether something of this width and height may be of the class; without steps anything may.
     pub fn fits(&self, width_m: f64, height_m: f64) -> bool {
-        height_m <= self.max_height_m && width_m >= self.min_width_share * height_m
+        let step = self.steps.iter().find(|step| height_m <= step.max_height_m);
+        step.map_or(self.steps.is_empty(), |step| width_m >= step.min_width_share * height_m)
     }
 }
 
@@ -85,26 +88,40 @@ pub fn margin(properties: &[Property]) -> Result<f32, NetworkError> {
 /// The sizes of the classes.
 ///
 /// # Errors
-/// If one names no class, or has no two numbers.
+/// If one names no class, or is not followed by pairs of numbers in order.
 pub fn sizes(properties: &[Property], labels: &[String]) -> Result<Vec<ClassSize>, NetworkError> {
-    let mut sizes = vec![ClassSize::ANY; labels.len()];
+    let mut sizes = vec![ClassSize::default(); labels.len()];
     let text = property(properties, "sizes").unwrap_or_default();
     for part in text.split(',').map(str::trim).filter(|part| !part.is_empty()) {
-        // A label may have spaces.
-        let mut words = part.rsplitn(3, ' ');
-        let mut number = || words.next()?.parse::<f64>().ok().filter(|v| (0.0..=100.0).contains(v));
-        let read = number().zip(number());
-        let label = words.next().and_then(|name| labels.iter().position(|label| label == name));
-        let Some(((min_width_share, max_height_m), label)) = read.zip(label) else {
+        let Some((label, size)) = class_size(part, labels) else {
             return Err(NetworkError::Property {
                 name: "sizes",
                 value: excerpt(part, VALUE_CHARS).into_owned(),
-                expected:
-                    "a label, its largest height in metres, and its smallest width as a share of its height"
-                        .into(),
+                expected: "a label, a height in metres, and the smallest width up to there as a share of the height; \
+                           if need be more such pairs of growing height"
+                    .into(),
             });
         };
-        sizes[label] = ClassSize { max_height_m, min_width_share };
+        sizes[label] = size;
     }
     Ok(sizes)
+}
+
+/// The index of the label with which a text begins, and the steps after it. A label may have spaces.
+fn class_size(text: &str, labels: &[String]) -> Option<(usize, ClassSize)> {
+    let is_label = |label: &String| text.strip_prefix(&label[..]).is_some_and(|rest| rest.starts_with(' '));
+    let label = (0..labels.len()).filter(|i| is_label(&labels[*i])).max_by_key(|i| labels[*i].len())?;
+    let words = text[labels[label].len()..].split_ascii_whitespace();
+    let number = |word: &str| word.parse::<f64>().ok().filter(|v| (0.0..=100.0).contains(v));
+    let numbers: Vec<f64> = words.map(number).collect::<Option<_>>()?;
+    let (pairs, []) = numbers.as_chunks::<2>() else { return None };
+    let steps: Vec<SizeStep> = pairs
+        .iter()
+        .map(|[max_height_m, min_width_share]| SizeStep {
+            max_height_m: *max_height_m,
+            min_width_share: *min_width_share,
+        })
+        .collect();
+    let is_in_order = steps.windows(2).all(|pair| pair[0].max_height_m < pair[1].max_height_m);
+    (!steps.is_empty() && is_in_order).then_some((label, ClassSize { steps }))
 }

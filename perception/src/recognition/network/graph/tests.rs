@@ -67,7 +67,7 @@ fn model() -> onnx::Model {
         metadata_props: vec![
             property("labels", "left, other"),
             property("margin", "0"),
-            property("sizes", "left 4.5 0.25"),
+            property("sizes", "left 2 0.25 4.5 0.5"),
         ],
     }
 }
@@ -90,9 +90,10 @@ fn a_network_is_read_and_computed() {
         (network.labels(), network.input(), network.margin()),
         (&["left".into(), "other".into()][..], (8, 8), 0.0)
     );
-    assert_eq!(network.sizes(), [ClassSize { max_height_m: 4.5, min_width_share: 0.25 }, ClassSize::ANY]);
-    assert!(network.sizes()[0].fits(1.0, 4.0) && !network.sizes()[0].fits(0.9, 4.0));
-    assert!(!network.sizes()[0].fits(9.0, 4.6) && network.sizes()[1].fits(0.0, 1e6));
+    let [left, other] = network.sizes() else { panic!("a size for each class") };
+    assert!(left.fits(0.5, 2.0) && !left.fits(0.4, 2.0));
+    assert!(left.fits(2.0, 4.0) && !left.fits(1.9, 4.0) && !left.fits(9.0, 4.6));
+    assert!(other.fits(0.0, 1e6));
     let pixels = (0..64).map(|i| if i % 8 < 4 { 180 } else { 60 }).collect();
     let image = GreyImage::from_vec(pixels, 8, 8).unwrap();
     let whole = Rectangle { x: 0.0, y: 0.0, width: 8.0, height: 8.0 };
@@ -190,6 +191,7 @@ fn what_cannot_be_computed_is_named() {
         ),
         (changed(|m| m.metadata_props[2].value = "up 2 1".into()), "property \"sizes\": \"up 2 1\""),
         (changed(|m| m.metadata_props[2].value = "left -2 1".into()), "property \"sizes\""),
+        (changed(|m| m.metadata_props[2].value = "left 2 1 2 1".into()), "property \"sizes\""),
         (changed(|m| m.metadata_props[1].value = "wide".into()), "property \"margin\": \"wide\""),
         (Network::read(&bytes[..bytes.len() - 3]).unwrap_err().to_string(), "no ONNX file"),
         (Network::read(b"lookout-hog 1\n").unwrap_err().to_string(), "no ONNX file"),

@@ -28,6 +28,7 @@ pub mod regions;
 pub mod residual;
 mod sides;
 pub mod small_obstacles;
+mod step;
 pub mod stixel_use;
 pub mod stixels;
 

@@ -1,5 +1,6 @@
 //! Stixels: in strips of a few columns, vertical runs of similar disparity above the road.
 
+use super::step;
 use crate::depth::DepthView;
 use crate::road::heights::{BATCH, PixelBatch};
 use crate::road::surface::{CandidateFilter, RoadSurface};
@@ -78,6 +79,8 @@ pub struct Stixels {
     strips: usize,
     height: usize,
     level: Level,
+    /// Rows of a stixel under construction, from the bottom up.
+    run: Vec<RunRow>,
     list: Vec<Stixel>,
     /// Index of the first stixel of each strip in the list, and the length of the list.
     starts: Vec<u32>,
@@ -97,6 +100,7 @@ impl Stixels {
             strips,
             height,
             level: Level::best(),
+            run: Vec::with_capacity(height),
             list: Vec::with_capacity(strips * (MAX_STIXELS_PER_STRIP + 1)),
             starts: vec![0; strips + 1],
         }
@@ -192,10 +196,11 @@ impl Stixels {
 
     fn find_in(&mut self, strip: usize, surface: &RoadSurface, parameters: &StixelParameters) {
         let x = Self::column(strip);
+        let first = self.list.len();
         let range = strip * self.height..(strip + 1) * self.height;
         let (depths, confidence) = (&self.depths[range.clone()], &self.confidence[range]);
-        let mut run = Run::default();
-        let mut found = 0;
+        self.run.clear();
+        let mut last_px = 0.0;
         // Fast preselection: most near pixels are road, most far pixels are too high.
         let p = parameters;
         let filter = CandidateFilter {
@@ -228,72 +233,64 @@ impl Stixels {
                 {
                     continue;
                 }
-                if !run.accepts(y, d, surface.noise_px()) {
-                    if let Some(stixel) = run.end(strip)
-                        && found < MAX_STIXELS_PER_STRIP
-                    {
-                        self.list.push(stixel);
-                        found += 1;
-                    }
-                    run = Run::default();
+                let px = f32::from(d) / 256.0;
+                if !self.run.last().is_some_and(|row| row.leads_to(y, px, last_px, surface.noise_px())) {
+                    push_run(&self.run, strip, surface, first, &mut self.list);
+                    self.run.clear();
+                    last_px = px;
                 }
-                run.add(y, d, confidence[y], height as f32);
+                last_px += (px - last_px) * 0.3;
+                self.run.push(RunRow {
+                    y: y as u16,
+                    depth: d,
+                    confidence: confidence[y],
+                    height_m: height as f32,
+                });
             }
         }
-        if let Some(stixel) = run.end(strip)
-            && found < MAX_STIXELS_PER_STRIP
-        {
-            self.list.push(stixel);
-        }
+        push_run(&self.run, strip, surface, first, &mut self.list);
     }
 }
 
-/// A stixel under construction, from the bottom up.
-#[derive(Clone, Copy, Debug, Default)]
-struct Run {
-    top: usize,
-    bottom: usize,
-    rows: u32,
-    sum: u64,
-    confidence: u32,
-    /// Smoothed disparity of the last rows, in px.
-    last_px: f32,
-    low_m: f32,
-    high_m: f32,
+/// A row of a run.
+#[derive(Clone, Copy, Debug)]
+struct RunRow {
+    y: u16,
+    depth: u16,
+    confidence: u8,
+    height_m: f32,
 }
 
-impl Run {
-    /// Whether row `y` continues the run: close to it and at a similar disparity.
-    fn accepts(&self, y: usize, d: u16, noise_px: f64) -> bool {
-        let px = f32::from(d) / 256.0;
+impl RunRow {
+    /// Whether row `y` continues the run that has this row at its upper end and the smoothed disparity `last_px`: close to it and at a similar
+    /// disparity.
+    fn leads_to(&self, y: usize, px: f32, last_px: f32, noise_px: f64) -> bool {
         let tolerance = 0.25 + 2.0 * (noise_px as f32).min(0.12) + 0.01 * px;
-        self.rows == 0 || (self.top - y <= MAX_GAP_ROWS && (px - self.last_px).abs() <= tolerance)
+        usize::from(self.y) - y <= MAX_GAP_ROWS && (px - last_px).abs() <= tolerance
     }
+}
 
-    fn add(&mut self, y: usize, d: u16, confidence: u8, height_m: f32) {
-        let px = f32::from(d) / 256.0;
-        if self.rows == 0 {
-            *self = Run { bottom: y, last_px: px, low_m: height_m, ..Run::default() };
-        }
-        self.top = y;
-        self.rows += 1;
-        self.sum += u64::from(d);
-        self.confidence += u32::from(confidence);
-        self.last_px += (px - self.last_px) * 0.3;
-        self.high_m = height_m;
-    }
-
-    fn end(&self, strip: usize) -> Option<Stixel> {
-        (self.rows >= 2).then(|| Stixel {
+/// Adds the stixels of a run of rows, from the bottom up: one, or those between the steps in depth; of the strip, whose stixels begin at
+/// `first` in the list, at most [`MAX_STIXELS_PER_STRIP`].
+fn push_run(rows: &[RunRow], strip: usize, surface: &RoadSurface, first: usize, list: &mut Vec<Stixel>) {
+    if let Some(at) = step::find(rows.iter().map(|row| row.depth), |px| surface.distance_m(px)) {
+        push_run(&rows[..at], strip, surface, first, list);
+        push_run(&rows[at..], strip, surface, first, list);
+    } else if let [bottom, .., top] = rows
+        && list.len() - first < MAX_STIXELS_PER_STRIP
+    {
+        let sum: u64 = rows.iter().map(|row| u64::from(row.depth)).sum();
+        let confidence: u32 = rows.iter().map(|row| u32::from(row.confidence)).sum();
+        list.push(Stixel {
             strip: strip as u32,
-            top: self.top as u16,
-            bottom: self.bottom as u16,
-            rows: self.rows as u16,
-            disparity_px: (self.sum as f64 / f64::from(self.rows) / 256.0) as f32,
-            confidence: self.confidence as f32 / self.rows as f32,
-            low_m: self.low_m,
-            high_m: self.high_m,
-        })
+            top: top.y,
+            bottom: bottom.y,
+            rows: rows.len() as u16,
+            disparity_px: (sum as f64 / rows.len() as f64 / 256.0) as f32,
+            confidence: confidence as f32 / rows.len() as f32,
+            low_m: bottom.height_m,
+            high_m: top.height_m,
+        });
     }
 }
 

@@ -197,6 +197,11 @@ impl RoadSurface {
         test_column(self.level, disparity, &self.row_disparity_px, test, out);
     }
 
+    /// Distance of a disparity in px, in metres.
+    pub fn distance_m(&self, disparity_px: f64) -> f64 {
+        self.rig.distance_m(disparity_px)
+    }
+
     /// Row in which the road has disparity `disparity_px` in column `x_px`; NaN without a road.
     #[inline]
     pub fn row_at(&self, x_px: f64, disparity_px: f64) -> f32 {

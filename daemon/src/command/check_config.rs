@@ -56,6 +56,9 @@ pub fn run(args: &CheckConfig) -> Result<(), CommandError> {
     if config.source.kind == "camera" && config.source.rig.as_os_str().is_empty() {
         eprintln!("lookout: note: {}", InputError::NoRigOfCameras);
     }
+    if let Some(note) = nearest_distance(&config) {
+        eprintln!("lookout: note: {}stereo.disparities: {note}", place("stereo.disparities"));
+    }
     let text = toml::to_string(&config).map_err(|e| CommandError::Other(e.to_string()))?;
     say(format_args!("# The effective configuration. No errors.\n{text}"))
 }
@@ -123,12 +126,10 @@ fn wrong_detectors(config: &Config) -> Vec<(&'static str, String)> {
 
 /// The same for the source and its rig, and whether they fit.
 fn wrong_source_and_rig(config: &Config) -> Vec<(&'static str, String)> {
-    let (source, camera) = (&config.source, &config.camera);
-    if source.kind == "camera" {
+    if config.source.kind == "camera" {
         // The cameras themselves may be those of another machine.
         let one = input::check_two_cameras(config).err().map(|error| ("camera.right", error.to_string()));
-        let cameras = AbsentCameras { size: (whole(camera.width), whole(camera.height)) };
-        return one.into_iter().chain(wrong_rig(config, Box::new(cameras))).collect();
+        return one.into_iter().chain(wrong_rig(config, Box::new(AbsentCameras::new(config)))).collect();
     }
     match open(config) {
         Ok(opened) => wrong_rig(config, opened).into_iter().collect(),
@@ -136,10 +137,35 @@ fn wrong_source_and_rig(config: &Config) -> Vec<(&'static str, String)> {
     }
 }
 
+/// From where on obstacles should be matched, in metres: nearer ones are beside the bonnet.
+const NEAREST_M: f64 = 3.0;
+
+/// What a rig of wide distance or long focal length does not see near by.
+fn nearest_distance(config: &Config) -> Option<String> {
+    let source: Box<dyn PairSource> = match config.source.kind.as_str() {
+        "camera" => Box::new(AbsentCameras::new(config)),
+        _ => open(config).ok()?,
+    };
+    let rig = rig_of(config, source).ok()?;
+    let (disparities, most) = (config.stereo.disparities, 255.0);
+    let nearest_m = rig.distance_m(disparities as f64);
+    let needed = 16.0 * (rig.disparity_px(NEAREST_M) / 16.0).ceil();
+    let text = format!("nothing nearer than {nearest_m:.1} m is matched with {disparities} and this rig");
+    match nearest_m > NEAREST_M {
+        false => None,
+        true if needed > most => Some(format!("{text}: smaller pictures see nearer")),
+        true => Some(format!("{text}: {needed:.0} see from {NEAREST_M} m on, and take longer")),
+    }
+}
+
+/// The rig of the pictures of a source.
+fn rig_of(config: &Config, source: Box<dyn PairSource>) -> Result<Rig, InputError> {
+    input::rectified(config, source).and_then(|opened| input::rig(config, opened.as_ref()))
+}
+
 /// What `run` would refuse of the rig for the pictures of a source.
 fn wrong_rig(config: &Config, source: Box<dyn PairSource>) -> Option<(&'static str, String)> {
-    let fits = input::rectified(config, source).and_then(|opened| input::rig(config, opened.as_ref()));
-    let error = fits.err()?;
+    let error = rig_of(config, source).err()?;
     let key = match &error {
         // Told as a note: it can be named later.
         InputError::NoRigOfCameras => return None,
@@ -167,6 +193,12 @@ fn unreadable_rig(config: &Config) -> Option<(&'static str, String)> {
 /// Stands for cameras that are not asked for pictures.
 struct AbsentCameras {
     size: (usize, usize),
+}
+
+impl AbsentCameras {
+    fn new(config: &Config) -> Self {
+        Self { size: (whole(config.camera.width), whole(config.camera.height)) }
+    }
 }
 
 impl PairSource for AbsentCameras {

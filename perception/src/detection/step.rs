@@ -4,8 +4,11 @@
 /// Fewest rows on each side of a step.
 const MIN_ROWS: usize = 4;
 
-/// Smallest step in px: the matcher's own steps and what windows and shadows do to one surface are smaller.
+/// Smallest step in px: the matcher's own steps and what windows and shadows do to one surface are smaller;
 const MIN_STEP_PX: f64 = 0.5;
+
+/// and in standard deviations of the frame's noise.
+const MIN_STEP_SIGMAS: f64 = 2.0;
 
 /// Smallest step in metres: from its bumper to the top of its windscreen a car has less.
 const MIN_STEP_M: f64 = 2.5;
@@ -14,21 +17,23 @@ const MIN_STEP_M: f64 = 2.5;
 const MIN_EXPLAINED: f64 = 0.85;
 
 /// Where a run of disparities (1/256 px, from one end to the other) has a step: the number of rows before it. `distance_m` is the distance
-/// of a disparity in px.
+/// of a disparity in px, `noise_px` the noise of the frame.
 pub(super) fn find(
     rows: impl ExactSizeIterator<Item = u16> + Clone,
+    noise_px: f64,
     distance_m: impl Fn(f64) -> f64,
 ) -> Option<usize> {
     let count = rows.len();
     if count < 2 * MIN_ROWS {
         return None;
     }
+    let min_step_px = MIN_STEP_PX.max(MIN_STEP_SIGMAS * noise_px);
     let px = |row: u16| f64::from(row) / 256.0;
     let (sum, squares) =
         rows.clone().map(px).fold((0.0, 0.0), |(sum, squares), px| (sum + px, squares + px * px));
     let n = count as f64;
     let total = squares - sum * sum / n;
-    if total < 0.25 * MIN_STEP_PX * MIN_STEP_PX * MIN_ROWS as f64 {
+    if total < 0.25 * min_step_px * min_step_px * MIN_ROWS as f64 {
         return None;
     }
     let mut before = 0.0;
@@ -47,7 +52,7 @@ pub(super) fn find(
     }
     let (between, at, means) = best;
     let is_step = between >= MIN_EXPLAINED * total
-        && (means[0] - means[1]).abs() >= MIN_STEP_PX
+        && (means[0] - means[1]).abs() >= min_step_px
         && (distance_m(means[0]) - distance_m(means[1])).abs() >= MIN_STEP_M;
     is_step.then_some(at)
 }
@@ -59,7 +64,7 @@ mod tests {
     /// Where a run of disparities in px has a step, with cameras that see 1 px at 150 m.
     fn step(rows: impl Iterator<Item = f64>) -> Option<usize> {
         let rows: Vec<u16> = rows.map(|px| (256.0 * px) as u16).collect();
-        find(rows.iter().copied(), |px| 150.0 / px)
+        find(rows.iter().copied(), 0.1, |px| 150.0 / px)
     }
 
     #[test]

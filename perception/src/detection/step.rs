@@ -4,10 +4,10 @@
 /// Fewest rows on each side of a step.
 const MIN_ROWS: usize = 4;
 
-/// Smallest step in px: the matcher's own steps and what windows and shadows do to one surface are smaller;
+/// Smallest step in px: the matcher's own steps and what windows and shadows do to one surface are smaller.
 const MIN_STEP_PX: f64 = 0.5;
 
-/// and in standard deviations of the frame's noise.
+/// Smallest step in standard deviations of the frame's noise.
 const MIN_STEP_SIGMAS: f64 = 2.0;
 
 /// Smallest step in metres: from its bumper to the top of its windscreen a car has less.
@@ -33,7 +33,8 @@ pub(super) fn find(
         rows.clone().map(px).fold((0.0, 0.0), |(sum, squares), px| (sum + px, squares + px * px));
     let n = count as f64;
     let total = squares - sum * sum / n;
-    if total < 0.25 * min_step_px * min_step_px * MIN_ROWS as f64 {
+    // Below this no division into parts of [`MIN_ROWS`] reaches the smallest step.
+    if total < 0.5 * min_step_px * min_step_px * MIN_ROWS as f64 {
         return None;
     }
     let mut before = 0.0;
@@ -63,8 +64,12 @@ mod tests {
 
     /// Where a run of disparities in px has a step, with cameras that see 1 px at 150 m.
     fn step(rows: impl Iterator<Item = f64>) -> Option<usize> {
+        step_in_noise(rows, 0.1)
+    }
+
+    fn step_in_noise(rows: impl Iterator<Item = f64>, noise_px: f64) -> Option<usize> {
         let rows: Vec<u16> = rows.map(|px| (256.0 * px) as u16).collect();
-        find(rows.iter().copied(), 0.1, |px| 150.0 / px)
+        find(rows.iter().copied(), noise_px, |px| 150.0 / px)
     }
 
     #[test]
@@ -75,6 +80,15 @@ mod tests {
         assert_eq!(step(person.clone().chain(blur).chain(wall)), Some(32));
         assert_eq!(step(person.clone().chain(std::iter::repeat_n(6.2, 20))), None, "a dent");
         assert_eq!(step(person.chain(std::iter::repeat_n(5.3, 3))), None, "too few rows");
+    }
+
+    #[test]
+    fn a_step_counts_in_both_directions_and_is_larger_than_the_noise() {
+        let low = || std::iter::repeat_n(5.3, 20);
+        let high = || std::iter::repeat_n(6.5, 20);
+        assert_eq!(step(low().chain(high())), Some(20));
+        assert_eq!(step_in_noise(high().chain(low()), 0.55), Some(20));
+        assert_eq!(step_in_noise(high().chain(low()), 0.65), None);
     }
 
     #[test]

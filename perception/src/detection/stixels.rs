@@ -495,6 +495,19 @@ mod tests {
         assert_eq!(list.len(), 3, "a row is no stixel");
         push_run(&rows[..20], 7, &surface, 1, &mut list);
         assert_eq!(list.len(), 4, "nor has it a step");
+        // A tree 40 m ahead above the wall.
+        let tree = |i: u16| RunRow { y: 235 - i, depth: 960, confidence: 200, height_m: 3.0 };
+        let rows: Vec<RunRow> = rows.iter().copied().chain((0..200).map(tree)).collect();
+        list.truncate(1);
+        push_run(&rows, 7, &surface, 1, &mut list);
+        assert_eq!(list[1..].iter().map(|stixel| stixel.rows).collect::<Vec<_>>(), [40, 25, 200]);
+        list.resize(MAX_STIXELS_PER_STRIP, Stixel::default());
+        push_run(&rows, 7, &surface, 1, &mut list);
+        assert_eq!(
+            (list.len(), list[MAX_STIXELS_PER_STRIP].rows),
+            (MAX_STIXELS_PER_STRIP + 1, 40),
+            "no more"
+        );
     }
 
     #[test]

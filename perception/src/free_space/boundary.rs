@@ -75,8 +75,8 @@ impl Boundary {
         self.count = 0;
     }
 
-    /// Drops as few points as leave the others from left to right: where it leads almost towards the camera, the errors of points and
-    /// what is hidden behind a corner put them behind each other.
+    /// Removes the fewest points so that the rest are ordered from left to right, of equally many the least certain: where a boundary leads
+    /// almost towards the camera, errors, and what is hidden behind a corner, put points behind each other.
     pub(crate) fn put_in_order(&mut self) {
         let before = *self;
         let points = before.points();
@@ -84,26 +84,33 @@ impl Boundary {
         if (1..points.len()).all(|i| slope(i - 1) < slope(i)) {
             return;
         }
-        // The longest row of points in order that ends at each point, and the point before it in that row.
-        let mut rows = [(1, None); MAX_POINTS];
-        for i in 1..points.len() {
-            let ahead = (0..i).filter(|j| slope(*j) < slope(i)).max_by_key(|j| rows[*j].0);
-            rows[i] = ahead.map_or((1, None), |j| (rows[j].0 + 1, ahead));
+        // The longest increasing subsequence that ends at each point: its length, the sum of its errors, and the point before.
+        let mut chains = [(1, 0.0, None); MAX_POINTS];
+        let is_better = |a: &(usize, f64, Option<usize>), b: &(usize, f64, Option<usize>)| {
+            a.0.cmp(&b.0).then(b.1.total_cmp(&a.1))
+        };
+        for (i, point) in points.iter().enumerate() {
+            let earlier = (0..i).filter(|j| slope(*j) < slope(i));
+            let last = earlier.max_by(|a, b| is_better(&chains[*a], &chains[*b]));
+            let (count, sigma_m) = last.map_or((0, 0.0), |j| (chains[j].0, chains[j].1));
+            chains[i] = (count + 1, sigma_m + point.sigma_m, last);
         }
         let mut is_kept = [false; MAX_POINTS];
-        let mut at = (0..points.len()).max_by_key(|i| rows[*i].0);
+        let mut at = (0..points.len()).max_by(|a, b| is_better(&chains[*a], &chains[*b]));
         while let Some(i) = at {
             is_kept[i] = true;
-            at = rows[i].1;
+            at = chains[i].2;
         }
         self.clear();
-        let mut solid_m = 0.0;
-        for (point, is_kept) in points.iter().zip(is_kept) {
-            solid_m += point.solid_m;
+        // Where nothing was seen between two points that stay, nothing is seen now.
+        let mut unseen_m = 0.0;
+        for (i, (point, is_kept)) in points.iter().zip(is_kept).enumerate() {
+            let step_m = i.checked_sub(1).map_or(0.0, |last| points[last].apart_m(point));
+            unseen_m += (step_m - point.solid_m).max(0.0);
             if is_kept {
                 let apart_m = self.points().last().map_or(0.0, |last| last.apart_m(point));
-                self.push(BoundaryPoint { solid_m: solid_m.min(apart_m), ..*point });
-                solid_m = 0.0;
+                self.push(BoundaryPoint { solid_m: (apart_m - unseen_m).max(0.0), ..*point });
+                unseen_m = 0.0;
             }
         }
     }

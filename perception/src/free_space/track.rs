@@ -123,6 +123,7 @@ impl TrackList {
             track.is_matched = false;
             if let Some(step) = &step {
                 shift(&mut track.boundary, step);
+                track.boundary.put_in_order();
                 track.look_at_points(&look, elapsed_s);
             } else {
                 // Nobody knows that it is the same place.

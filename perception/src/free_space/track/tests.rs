@@ -44,6 +44,10 @@ fn drive(
         let seen = |boundary: &Boundary, i: usize| look(&boundary.points()[i], way_m);
         list.update([&[], &parts(way_m)], Some(step()), STEP_S, seen);
         list.publish(&Corridor::new(2.0, None));
+        for boundary in list.boundaries() {
+            let slope = |point: &BoundaryPoint| point.lateral_m / point.distance_m;
+            assert!(boundary.points().is_sorted_by(|a, b| slope(a) < slope(b)), "{boundary:?}");
+        }
         list.boundaries().to_vec()
     };
     (0..frames).map(frame).collect()
@@ -155,26 +159,28 @@ fn what_is_one_gets_one_number() {
 }
 
 #[test]
-fn points_that_fall_behind_each_other_are_dropped() {
-    let fold = |laterals_m: &[f64]| {
+fn points_that_fall_behind_each_other_are_removed() {
+    // Lateral positions 10 m ahead, the length that was seen up to them, and their errors, in metres.
+    let ordered = |points: &[(f64, f64, f64)]| {
         let mut boundary = Boundary::default();
-        for lateral_m in laterals_m {
-            let [height_m, solid_m] = [1.2, 1.0];
-            boundary.push(BoundaryPoint {
-                lateral_m: *lateral_m,
-                distance_m: 10.0,
-                height_m,
-                solid_m,
-                ..BoundaryPoint::default()
-            });
+        for &(lateral_m, solid_m, sigma_m) in points {
+            let [distance_m, height_m] = [10.0, 1.2];
+            boundary.push(BoundaryPoint { lateral_m, distance_m, height_m, sigma_m, solid_m, unseen_s: 0.0 });
         }
         boundary.put_in_order();
         let points = boundary.points().iter();
         points.map(|point| (point.lateral_m, point.solid_m)).collect::<Vec<_>>()
     };
-    assert_eq!(fold(&[1.0, 2.0, 3.0]), [(1.0, 0.0), (2.0, 1.0), (3.0, 1.0)]);
-    // What was seen up to a point that is dropped goes on to the next one, as far as that is away.
-    assert_eq!(fold(&[1.0, 2.0, 1.5, 2.5]), [(1.0, 0.0), (1.5, 0.5), (2.5, 1.0)]);
-    assert_eq!(fold(&[5.0, 1.0, 2.0, 2.0, 4.0]), [(1.0, 0.0), (2.0, 1.0), (4.0, 1.0)]);
-    assert_eq!(fold(&[]), []);
+    let in_order = [(1.0, 0.0), (2.0, 1.0), (3.0, 1.0)];
+    assert_eq!(ordered(&in_order.map(|(at, solid)| (at, solid, 0.1))), in_order);
+    // The less certain of two goes; what was seen up to it goes on to the next.
+    let of =
+        |second, third| ordered(&[(1.0, 0.0, 0.1), (2.0, 1.0, second), (1.5, 0.5, third), (2.5, 1.0, 0.1)]);
+    assert_eq!(of(0.1, 0.3), [(1.0, 0.0), (2.0, 1.0), (2.5, 0.5)]);
+    assert_eq!(of(0.3, 0.1), [(1.0, 0.0), (1.5, 0.5), (2.5, 1.0)]);
+    let first = [(5.0, 0.0, 0.1), (1.0, 4.0, 0.1), (2.0, 1.0, 0.1), (2.0, 0.0, 0.1), (4.0, 2.0, 0.1)];
+    assert_eq!(ordered(&first), [(1.0, 0.0), (2.0, 1.0), (4.0, 2.0)]);
+    // Nobody has seen what lies between the first and the last.
+    assert_eq!(ordered(&[(0.0, 0.0, 0.1), (3.0, 0.0, 0.3), (1.0, 2.0, 0.1)]), [(0.0, 0.0), (1.0, 0.0)]);
+    assert_eq!(ordered(&[]), []);
 }

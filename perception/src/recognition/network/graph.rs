@@ -3,8 +3,8 @@
 //! The file has one input of 1 × 1 × height × width 32-bit numbers and one output with a number for each class (before
 //! softmax; a softmax at the end changes nothing). The property `labels` names the classes, separated by commas; `other`
 //! is none. The property `margin` is the margin around a region on each side, as a share of that side; 0.1 without it. The
-//! property `sizes` says how high a class may be, in metres, and how wide it is at least, as a share of its height:
-//! `vehicle 4.3 0.35, rider 2.5 0.2`; a class that it does not name may have any size.
+//! property `sizes` has pairs of a height in metres and the smallest width up to there, as a share of the height:
+//! `vehicle 2.2 0.35 4.3 0.6, rider 2.5 0.2`; above its last height is nothing of a class, and a class that it does not name may have any size.
 //! Operators, with weights in the file: Conv (with `group` 1 or depthwise), Gemm, BatchNormalization, Relu, Clip, Add,
 //! MaxPool, AveragePool, GlobalAveragePool, Flatten, Reshape to a row, Dropout, Identity, Softmax and LogSoftmax at the end.
 

@@ -107,21 +107,47 @@ pub fn sizes(properties: &[Property], labels: &[String]) -> Result<Vec<ClassSize
     Ok(sizes)
 }
 
-/// The index of the label with which a text begins, and the steps after it. A label may have spaces.
+/// The index of the label with which a text begins, and the steps after it. A label may have spaces, and end in a number.
 fn class_size(text: &str, labels: &[String]) -> Option<(usize, ClassSize)> {
-    let is_label = |label: &String| text.strip_prefix(&label[..]).is_some_and(|rest| rest.starts_with(' '));
-    let label = (0..labels.len()).filter(|i| is_label(&labels[*i])).max_by_key(|i| labels[*i].len())?;
-    let words = text[labels[label].len()..].split_ascii_whitespace();
+    let of = |(label, name): (usize, &String)| {
+        let rest = text.strip_prefix(&name[..]).filter(|rest| rest.starts_with(char::is_whitespace))?;
+        Some((label, ClassSize { steps: size_steps(rest)? }))
+    };
+    labels.iter().enumerate().find_map(of)
+}
+
+/// Pairs of a height and a width as a share of it, in order of heights.
+fn size_steps(text: &str) -> Option<Vec<SizeStep>> {
     let number = |word: &str| word.parse::<f64>().ok().filter(|v| (0.0..=100.0).contains(v));
-    let numbers: Vec<f64> = words.map(number).collect::<Option<_>>()?;
+    let numbers: Vec<f64> = text.split_whitespace().map(number).collect::<Option<_>>()?;
     let (pairs, []) = numbers.as_chunks::<2>() else { return None };
-    let steps: Vec<SizeStep> = pairs
-        .iter()
-        .map(|[max_height_m, min_width_share]| SizeStep {
-            max_height_m: *max_height_m,
-            min_width_share: *min_width_share,
-        })
-        .collect();
-    let is_in_order = steps.windows(2).all(|pair| pair[0].max_height_m < pair[1].max_height_m);
-    (!steps.is_empty() && is_in_order).then_some((label, ClassSize { steps }))
+    let step = |&[max_height_m, min_width_share]: &[f64; 2]| SizeStep { max_height_m, min_width_share };
+    let steps: Vec<SizeStep> = pairs.iter().map(step).collect();
+    let is_in_order = steps.is_sorted_by(|a, b| a.max_height_m < b.max_height_m);
+    (is_in_order && !steps.is_empty()).then_some(steps)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Option<(usize, ClassSize)> {
+        class_size(text, &["car", "car 2", "fire engine"].map(String::from))
+    }
+
+    #[test]
+    fn a_label_may_have_spaces_and_end_in_a_number() {
+        let label = |text: &str| read(text).map(|(label, size)| (label, size.steps.len()));
+        assert_eq!(label("car 2 0.5"), Some((0, 1)));
+        assert_eq!(label("car 2 2 0.5"), Some((1, 1)));
+        assert_eq!(label("car 2 0.5 3 0.6"), Some((0, 2)));
+        assert_eq!(label("fire engine\t3.5  0.4"), Some((2, 1)));
+    }
+
+    #[test]
+    fn what_is_no_list_of_sizes_is_refused() {
+        for text in ["", "car", "car ", "car 1 2 3 x", "cart 2 1", "fire engine 2", "fire engine 3 1 2 1"] {
+            assert_eq!(read(text), None, "{text}");
+        }
+    }
 }

@@ -303,13 +303,15 @@ def drives(lookout):
         ("KITTI odometry", [sequence, "--poses", sequence / "poses.txt"]),
     ]:
         row = lookout.json("evaluate", "drive", *arguments, "--json")["total"]
+        # Where fewer than half of the tracks were lost, the longest life is a lower limit.
+        over = ">" if row["life_is_lower_limit"] else ""
         lines.append(
             [
                 f"{name}, {row['frames']} frames",
                 f"{row['off_percent']:.0f} %",
                 f"{row['warnings']}, {row['alarms']}",
                 f"{row['false_obstacles']} in {row['judged']} frames",
-                f"{row['life_median_s']:.1f} s, {row['life_strict_s']:.1f} s",
+                f"{over}{row['life_median_s']:.1f} s, {row['life_strict_s']:.1f} s",
                 f"{row['width_jumps_percent']:.1f} %",
                 f"{row['predicted_percent']:.1f} %",
                 f"{row['not_free_percent']:.1f} %",

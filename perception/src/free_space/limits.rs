@@ -73,7 +73,7 @@ pub const STEADY_SHARE: f64 = 0.75;
 pub const HEIGHT_STEP_M: f64 = 0.25;
 
 /// Time for which a boundary is seen before it counts, in seconds: a shadow of the matcher on moving things does not last.
-pub const CONFIRM_S: f64 = 0.3;
+pub const CONFIRM_S: f64 = 0.24;
 
 /// Time for which a boundary, or a part of it, is kept without being seen, in seconds;
 pub const FORGET_S: f64 = 0.5;

@@ -42,7 +42,7 @@ pub const BESIDE_M: f64 = 2.5;
 pub const MIN_URGENT_M: f64 = 30.0;
 /// What is not urgent is confirmed this time after its first sighting at the earliest, in seconds: as long as boundaries need
 /// ([`crate::free_space::limits::CONFIRM_S`]). Pieces of fences, hedges and far rows of cars often have two or three distinct sightings and no more.
-pub const UNHURRIED_S: f64 = 0.3;
+pub const UNHURRIED_S: f64 = 0.24;
 /// A confirmed track remains confirmed down to this probability, so that one missed sighting changes nothing.
 pub const KEEP_PROBABILITY: f64 = 0.8;
 /// Largest evidence of one sighting, as suffices in a single picture ([`crate::detection::SINGLE_PICTURE_EVIDENCE`]). However

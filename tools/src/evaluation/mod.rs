@@ -16,6 +16,7 @@ pub mod fill;
 pub mod free_ground;
 pub mod label_classes;
 pub mod lidar;
+pub mod missed;
 pub mod ncap;
 pub mod odometry;
 pub mod odometry_report;

@@ -3,6 +3,7 @@
 use super::box_score::{BoxCounts, BoxScore};
 use super::false_alarm::FalseAlarm;
 use super::free_ground::{FreeGroundCounts, FreeGroundScore};
+use super::missed::{MissedObject, MissedObjects, by_class, write_missed};
 use super::quantile;
 use super::scene_match::{Detection, FalsePositives, FrameMatch, is_match, road_errors};
 use crate::reporting::record::{tidy, tidy_finite};
@@ -128,6 +129,8 @@ pub struct WeatherRow {
     pub class_rate_of_found: Option<f64>,
     /// Evaluable objects without a matching region, by class.
     pub missed: BTreeMap<&'static str, usize>,
+    /// Each of these objects.
+    pub missed_list: Vec<MissedObject>,
     /// False positives on the road per minute, summed over frames.
     pub false_per_minute: f64,
     /// Confirmed tracks that were a false positive on the road, per minute.
@@ -159,6 +162,10 @@ pub struct WeatherRow {
 
 /// Results of one frame.
 pub struct FrameResult<'a> {
+    /// The scene, as in `lookout replay scene:NAME`, without the weather.
+    pub scene: &'a str,
+    /// Number of the frame.
+    pub frame: u64,
     /// Regions matched with the ground truth.
     pub matched: &'a FrameMatch,
     /// Confirmed tracks that were detected in this frame, matched with the ground truth.
@@ -193,7 +200,7 @@ pub struct Tally {
     road_errors_m: Vec<f64>,
     /// For each evaluable object: true distance, and measured distance with its standard deviation.
     distances: Vec<(f64, Option<(f64, f64)>)>,
-    missed: BTreeMap<&'static str, usize>,
+    missed: MissedObjects,
     vehicles: Share,
     others: Share,
 }
@@ -217,7 +224,7 @@ impl Tally {
             road_seen: 0,
             road_errors_m: Vec::new(),
             distances: Vec::new(),
-            missed: BTreeMap::new(),
+            missed: MissedObjects::default(),
             vehicles: Share::default(),
             others: Share::default(),
         }
@@ -231,12 +238,10 @@ impl Tally {
         self.false_tracks.extend(frame.false_tracks.iter().map(|&track| (0, track)));
         self.regions.add(frame.matched);
         self.obstacles.add(frame.obstacles);
+        self.missed.add((frame.scene, &self.weather), frame.frame, frame.matched);
         for evaluable in &frame.matched.evaluable {
             self.distances
                 .push((evaluable.object.distance_m, evaluable.detection.map(|f| (f.distance_m, f.sigma_m))));
-            if evaluable.detection.is_none() {
-                *self.missed.entry(evaluable.object.class.name()).or_default() += 1;
-            }
             let overlap = |t: &&ClassifiedTrack| t.found.bounds.overlap(&evaluable.object.bounds);
             let by = frame.tracks.iter().filter(|t| is_match(&evaluable.object, &t.found));
             let track = by.max_by(|a, b| overlap(a).total_cmp(&overlap(b)));
@@ -277,7 +282,7 @@ impl Tally {
         self.road_seen += other.road_seen;
         self.road_errors_m.extend(other.road_errors_m);
         self.distances.extend(other.distances);
-        other.missed.into_iter().for_each(|(class, count)| *self.missed.entry(class).or_default() += count);
+        self.missed.merge(&other.missed);
         self.vehicles.merge(other.vehicles);
         self.others.merge(other.others);
     }
@@ -309,6 +314,7 @@ impl Tally {
         let true_positives = self.distances.iter().filter(|(_, found)| found.is_some()).count();
         let evaluable = self.distances.len();
         let false_frames: usize = self.false_alarms.iter().map(|alarm| alarm.frames).sum();
+        let missed_list = self.missed.list();
         let mut heights: Vec<f64> = self.road_errors_m.iter().map(|e| e.abs()).collect();
         WeatherRow {
             scene: self.scene.clone(),
@@ -320,7 +326,8 @@ impl Tally {
             true_positives,
             detection_rate: tidy_finite(true_positives as f64 / evaluable as f64),
             paper_rate: PAPER.iter().find(|(name, _)| *name == self.weather).map(|(_, rate)| *rate),
-            missed: self.missed.clone(),
+            missed: by_class(&missed_list),
+            missed_list,
             vehicles: self.vehicles,
             others: self.others,
             class_rate: tidy_finite((self.vehicles.right + self.others.right) as f64 / evaluable as f64),
@@ -482,19 +489,11 @@ impl fmt::Display for WeatherReport {
         self.write_distances(f, width)?;
         self.write_classes(f, width)?;
         self.write_boxes(f, width)?;
-        let missed: Vec<String> = self
-            .rows
-            .iter()
-            .filter(|row| !row.missed.is_empty())
-            .map(|row| {
-                let classes: Vec<String> =
-                    row.missed.iter().map(|(class, n)| format!("{n} {class}")).collect();
-                format!("{}: {}", row.name(), classes.join(", "))
-            })
-            .collect();
-        if !missed.is_empty() {
-            writeln!(f, "\nMissed\n{}", missed.join("\n"))?;
+        let mut missed = self.rows.iter().filter(|row| !row.missed_list.is_empty()).peekable();
+        if missed.peek().is_some() {
+            writeln!(f, "\nMissed")?;
         }
+        missed.try_for_each(|row| write_missed(f, &row.name(), &row.missed_list))?;
         let mut false_alarms = self.rows.iter().flat_map(|row| &row.false_alarm_list).peekable();
         if false_alarms.peek().is_some() {
             writeln!(f, "\nFalse alarms")?;
@@ -559,6 +558,8 @@ mod tests {
             let found = matched.evaluable[0].detection.unwrap();
             let tracks = [ClassifiedTrack { found, is_vehicle: false }];
             let frame = FrameResult {
+                scene: "street",
+                frame: 0,
                 matched: &matched,
                 obstacles: &matched,
                 false_tracks: &[7],

@@ -57,7 +57,9 @@ reaches beyond the nearest thing, in metres, mean over the columns of the image.
 --seeds sums the scenes of these seeds in one row: of each, 40 frames (--frames) from a place that
 the seed decides, after 12 frames that are not evaluated. Results do not depend on --threads.
 
-Each alarm without a cause is listed: scene, first frame, what it said when it was raised, the track.
+Missed objects are listed, those that were missed most often first: scene, number of frames, place in
+the first of them. Each alarm without a cause is: scene, first frame, what it said when it was raised,
+the track.
 --out writes SCENE-WEATHER.png (the frame with most evaluable objects), SCENE-WEATHER-false-alarms.png
 (the frames in which they were raised, at most 20) and evaluation.json.";
 
@@ -240,6 +242,8 @@ fn process(
         let labelled: Vec<ClassifiedTrack> = tracks.iter().map(|(_, t)| *t).collect();
         tally.add_free_space(&truth.free, &result.record.free_space_m);
         tally.add(&FrameResult {
+            scene: &job.scene,
+            frame: index,
             matched: &matched,
             obstacles: &match_frame(&truth, focal_baseline, &boxes),
             false_tracks: &false_tracks,

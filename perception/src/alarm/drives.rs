@@ -186,7 +186,7 @@ fn region(camera: Place, thing: &Thing, at: Place, random: &mut fastrand::Rng) -
         width_m: f64::from(width) * distance_m / RIG.focal_px,
         height_m: 1.5,
         inset_m: [0.0; 2],
-        is_hidden: [false; 2],
+        is_open: [false; 2],
         outline: Outline::default(),
         pixels: 2000,
         confidence: 0.9,

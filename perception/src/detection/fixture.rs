@@ -68,7 +68,7 @@ pub fn with_left_side<T>(
         width_m: f64::from(bounds.width) * distance_m / FOCAL_PX,
         height_m: 1.0,
         inset_m: [0.0; 2],
-        is_hidden: [false; 2],
+        is_open: [false; 2],
         outline: Outline { end_depth_m, ..Outline::default() },
         pixels: bounds.width * bounds.height,
         confidence: 0.9,

@@ -3,7 +3,7 @@
 use super::concavity::Profile;
 use super::evidence::{evidence, prominence};
 use super::footprint::footprint;
-use super::occlusion::hidden_sides;
+use super::occlusion::{continued_sides, hidden_sides};
 use super::photometric::Verifier;
 use super::refinement::{MAX_PARTS, Part, refine};
 use super::sides::join_sides;
@@ -424,7 +424,7 @@ impl RegionFinder {
             width_m: metres(bounds.width),
             height_m,
             inset_m: [0.0; 2],
-            is_hidden: [false; 2],
+            is_open: [false; 2],
             outline: Outline::default(),
             pixels,
             confidence: confidence / (255.0 * f64::from(rows.max(1))),
@@ -434,7 +434,9 @@ impl RegionFinder {
         let near_px = near_side.0 as f32;
         let tolerance_px = link_tolerance_px([near_px; 2], surface, rig.disparity_px(1.0) as f32);
         let strips = (stixels.strips(), |strip| &list[stixels.range(strip)]);
-        region.is_hidden = hidden_sides(strips, &region.bounds, near_px, tolerance_px);
+        let hidden = hidden_sides(strips, &region.bounds, near_px, tolerance_px);
+        let continued = continued_sides(strips, &region.bounds, near_px, tolerance_px);
+        region.is_open = [0, 1].map(|side| hidden[side] || continued[side]);
         let members = self.members.iter().map(|&i| &list[i as usize]);
         region.set_footprint(&footprint(members, disparity_px, disparity_px - near_side.0, rig));
         let kept = region.height_m >= p.min_height_m

@@ -311,7 +311,7 @@ impl SmallObstacleFinder {
             width_m: f64::from(bounds.width) * distance_m / rig.focal_px,
             height_m,
             inset_m: [0.0; 2],
-            is_hidden: [false; 2],
+            is_open: [false; 2],
             outline: Outline::default(),
             pixels: bounds.width * bounds.height,
             confidence: log_likelihood / (log_likelihood + NEUTRAL_LOG_LIKELIHOOD),

@@ -31,7 +31,7 @@ fn sighting(random: &mut fastrand::Rng, distance_m: f64, sides_m: [f64; 2]) -> O
         width_m: (right - left) * distance_m / RIG.focal_px,
         height_m: 1.5,
         inset_m: [0.0; 2],
-        is_hidden: [false; 2],
+        is_open: [false; 2],
         outline: Outline::default(),
         pixels: bounds.width * bounds.height,
         confidence: 0.9,
@@ -45,13 +45,13 @@ struct Drive {
     random: fastrand::Rng,
     frame: u64,
     /// Whether something nearer hides what is beyond the left and the right side of what is seen.
-    is_hidden: [bool; 2],
+    is_open: [bool; 2],
 }
 
 impl Drive {
     fn new(seed: u64) -> Self {
         let tracker = Tracker::new(TrackerParameters::default(), RIG, SIZE);
-        Self { tracker, random: fastrand::Rng::with_seed(seed), frame: 0, is_hidden: [false; 2] }
+        Self { tracker, random: fastrand::Rng::with_seed(seed), frame: 0, is_open: [false; 2] }
     }
 
     /// The track of the only thing after this frame, if it is seen.
@@ -74,7 +74,7 @@ impl Drive {
     ) -> Option<Track> {
         let seen = sighting(&mut self.random, distance_m, sides_m);
         let sightings: Vec<Region> =
-            seen.into_iter().map(|region| Region { is_hidden: self.is_hidden, ..region }).collect();
+            seen.into_iter().map(|region| Region { is_open: self.is_open, ..region }).collect();
         let motion = Motion {
             speed_m_s: OWN_M_S,
             speed_sigma_m_s: 0.1,
@@ -119,10 +119,10 @@ fn a_car_that_comes_into_view_is_as_fast_as_its_front() {
 
 /// Of a bicycle that comes out from behind a wall on the right, 1.3 m of it so far: root mean square error of the speed across, in m/s, and
 /// of its front's place, in metres, and the largest jitter of its width.
-fn errors_behind_a_wall(is_hidden: [bool; 2]) -> [f64; 3] {
+fn errors_behind_a_wall(is_open: [bool; 2]) -> [f64; 3] {
     let (mut squares, mut jitter) = ([0.0; 2], 0.0_f64);
     for seed in 0..20 {
-        let mut drive = Drive { is_hidden, ..Drive::new(seed) };
+        let mut drive = Drive { is_open, ..Drive::new(seed) };
         let mut last = None;
         let front_m = |t: f64| 1.7 - 2.8 * t;
         for frame in 0..6 {

@@ -60,7 +60,7 @@ impl CutSides {
 
     /// The same, and the sides that something nearer hides: how far the thing reaches there is not seen, either.
     pub fn or_hidden(self, region: &Region) -> Self {
-        let [left, right] = region.is_hidden;
+        let [left, right] = region.is_open;
         Self { left: self.left || left, right: self.right || right, ..self }
     }
 

@@ -77,7 +77,7 @@ mod tests {
             width_m: 2.0,
             height_m: 1.0,
             inset_m: [0.0; 2],
-            is_hidden: [false; 2],
+            is_open: [false; 2],
             outline: Outline::default(),
             pixels: 100,
             confidence: 0.9,

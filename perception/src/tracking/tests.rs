@@ -32,7 +32,7 @@ fn sized(distance_m: f64, lateral_m: f64, width_m: f64, height_m: f64) -> Region
         width_m,
         height_m,
         inset_m: [0.0; 2],
-        is_hidden: [false; 2],
+        is_open: [false; 2],
         outline: Outline::default(),
         pixels: 2000,
         confidence: 0.9,

@@ -28,7 +28,7 @@ fn sighting(distance_m: f64, [left_m, right_m]: [f64; 2], height_m: f64, evidenc
         width_m: f64::from(bounds.width) * distance_m / RIG.focal_px,
         height_m,
         inset_m: [0.0; 2],
-        is_hidden: [false; 2],
+        is_open: [false; 2],
         outline: Outline::default(),
         pixels: bounds.width * bounds.height,
         confidence: 0.9,

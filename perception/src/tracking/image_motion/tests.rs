@@ -49,7 +49,7 @@ fn image(z: f64, lateral_m: f64, random: &mut fastrand::Rng) -> (Vec<u8>, Region
         width_m: 1.8,
         height_m: 1.5,
         inset_m: [0.0; 2],
-        is_hidden: [false; 2],
+        is_open: [false; 2],
         outline: Outline::default(),
         pixels: 500,
         confidence: 0.9,

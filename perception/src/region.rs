@@ -61,9 +61,10 @@ pub struct Region {
     /// By how much the thing itself ends inside of the left and of the right side of the box, in metres: where a side that
     /// runs away from the camera is seen, the box at the near distance reaches farther towards the image centre than it.
     pub inset_m: [f64; 2],
-    /// Whether its left and its right side tell no end of the thing: something nearer hides what is beyond it, or the surface goes on there
-    /// while the picture cuts the other side.
-    pub is_open: [bool; 2],
+    /// Whether something nearer hides what is beyond its left and its right side.
+    pub is_hidden: [bool; 2],
+    /// Whether the surface goes on beyond its left and its right side, as that of a hedge or a wall that was divided.
+    pub goes_on: [bool; 2],
     /// Its outline between these ends.
     pub outline: Outline,
     /// Number of obstacle pixels.
@@ -169,7 +170,8 @@ impl Region {
         let ([left, right], [part_left, part_right]) = (columns(&self.bounds), columns(&part.bounds));
         for (side, is_outermost) in [part_left < left, part_right > right].into_iter().enumerate() {
             if is_outermost {
-                self.is_open[side] = part.is_open[side];
+                self.is_hidden[side] = part.is_hidden[side];
+                self.goes_on[side] = part.goes_on[side];
             }
         }
         self.bounds = self.bounds.joined(&part.bounds);
@@ -238,7 +240,8 @@ mod tests {
             width_m: 3.0,
             height_m: 1.5,
             inset_m: [0.0, 1.0],
-            is_open: [false; 2],
+            is_hidden: [false; 2],
+            goes_on: [false; 2],
             outline: Outline::default(),
             pixels: 100,
             confidence: 0.9,
@@ -277,7 +280,8 @@ mod tests {
             width_m: f64::from(columns[1] - columns[0]) / 100.0,
             height_m: 1.5,
             inset_m: [0.0; 2],
-            is_open: [false; 2],
+            is_hidden: [false; 2],
+            goes_on: [false; 2],
             outline: Outline::default(),
             pixels: 1000,
             confidence: 0.9,

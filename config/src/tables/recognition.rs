@@ -99,7 +99,7 @@ table! {
     pub struct Tracking, reload: Reload::Readers;
 
     /// Probability of existence from which a track counts as an obstacle and can raise an alarm. Larger values give fewer
-    /// false obstacles and later true ones. What is not urgent, as it is far ahead or beside the way, waits 0.3 s.
+    /// false obstacles and later true ones. What is not urgent, as it is far ahead or beside the way, waits 0.22 s.
     confirm_probability: Number(0.5, 0.999) = Tracker::default().confirm_probability;
 
     /// A track ends at the latest when nothing has been seen of it for so long. One that should be seen and is not ends

@@ -3,7 +3,7 @@
 use super::concavity::Profile;
 use super::evidence::{evidence, prominence};
 use super::footprint::footprint;
-use super::occlusion::{continued_sides, hidden_sides};
+use super::occlusion::hidden_sides;
 use super::photometric::Verifier;
 use super::refinement::{MAX_PARTS, Part, refine};
 use super::sides::join_sides;
@@ -424,7 +424,8 @@ impl RegionFinder {
             width_m: metres(bounds.width),
             height_m,
             inset_m: [0.0; 2],
-            is_open: [false; 2],
+            is_hidden: [false; 2],
+            goes_on: [false; 2],
             outline: Outline::default(),
             pixels,
             confidence: confidence / (255.0 * f64::from(rows.max(1))),
@@ -434,15 +435,32 @@ impl RegionFinder {
         let near_px = near_side.0 as f32;
         let tolerance_px = link_tolerance_px([near_px; 2], surface, rig.disparity_px(1.0) as f32);
         let strips = (stixels.strips(), |strip| &list[stixels.range(strip)]);
-        let hidden = hidden_sides(strips, &region.bounds, near_px, tolerance_px);
-        let continued = continued_sides(strips, &region.bounds, near_px, tolerance_px);
-        region.is_open = [0, 1].map(|side| hidden[side] || continued[side]);
+        region.is_hidden = hidden_sides(strips, &region.bounds, near_px, tolerance_px);
+        region.goes_on = self.continued_sides(stixels, surface, rig);
         let members = self.members.iter().map(|&i| &list[i as usize]);
         region.set_footprint(&footprint(members, disparity_px, disparity_px - near_side.0, rig));
         let kept = region.height_m >= p.min_height_m
             && prominence(&region, surface) >= MIN_PROMINENCE
             && region.width_m >= p.min_width_m;
         kept.then_some(region)
+    }
+
+    /// Whether stixels of other regions go on beyond the left and the right side of the region that was grown last: it was divided there.
+    fn continued_sides(&self, stixels: &Stixels, surface: &RoadSurface, rig: &Rig) -> [bool; 2] {
+        let list = stixels.list();
+        let px_at_1_m = rig.disparity_px(1.0) as f32;
+        let members = || self.members.iter().map(|&i| &list[i as usize]);
+        let strip = |member: &Stixel| member.strip as usize;
+        let (first, last) = members().map(strip).fold((usize::MAX, 0), |(a, b), s| (a.min(s), b.max(s)));
+        let goes_on = |side: usize, beside: std::ops::Range<usize>| {
+            let ends = members().filter(|member| strip(member) == side);
+            let mut others = beside.flat_map(|strip| &list[stixels.range(strip)]);
+            others.any(|other| ends.clone().any(|end| linked(end, other, surface, px_at_1_m)))
+        };
+        [
+            goes_on(first, first.saturating_sub(LINK_STRIPS)..first),
+            goes_on(last, last + 1..(last + 1 + LINK_STRIPS).min(stixels.strips())),
+        ]
     }
 
     /// Disparity of the near side and its standard deviation: the nearest depth that contains a substantial

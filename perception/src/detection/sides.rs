@@ -93,7 +93,8 @@ mod tests {
             evidence,
             disparity_sigma_px: 0.1,
             inset_m: [0.0; 2],
-            is_open: [false; 2],
+            is_hidden: [false; 2],
+            goes_on: [false; 2],
             outline: Outline::default(),
             confidence: 0.9,
         }

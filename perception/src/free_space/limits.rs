@@ -72,8 +72,9 @@ pub const STEADY_SHARE: f64 = 0.75;
 /// Largest difference from a steady height, in metres: a bonnet is 0.4 m lower than the roof.
 pub const HEIGHT_STEP_M: f64 = 0.25;
 
-/// Time for which a boundary is seen before it counts, in seconds: a shadow of the matcher on moving things does not last.
-pub const CONFIRM_S: f64 = 0.24;
+/// Time for which a boundary is seen before it counts, in seconds: a shadow of the matcher on moving things does not last. Three frames
+/// after the first one at 10 and at 12.5 frames a second, also where frames come some milliseconds early.
+pub const CONFIRM_S: f64 = 0.22;
 
 /// Time for which a boundary, or a part of it, is kept without being seen, in seconds;
 pub const FORGET_S: f64 = 0.5;

@@ -34,7 +34,7 @@ struct Track {
 impl Track {
     /// Whether it is a boundary and was seen for long enough, where boundaries are confirmed.
     fn counts(&self, confirm: bool) -> bool {
-        self.is_boundary && (!confirm || self.seen_s >= CONFIRM_S - 1e-6)
+        self.is_boundary && (!confirm || self.seen_s >= CONFIRM_S)
     }
 
     /// Looks at its points, `elapsed_s` seconds after the last time: drops those that have not been seen for too long, and divides it where

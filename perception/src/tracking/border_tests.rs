@@ -31,7 +31,8 @@ fn sighting(random: &mut fastrand::Rng, distance_m: f64, sides_m: [f64; 2]) -> O
         width_m: (right - left) * distance_m / RIG.focal_px,
         height_m: 1.5,
         inset_m: [0.0; 2],
-        is_open: [false; 2],
+        is_hidden: [false; 2],
+        goes_on: [false; 2],
         outline: Outline::default(),
         pixels: bounds.width * bounds.height,
         confidence: 0.9,
@@ -45,13 +46,21 @@ struct Drive {
     random: fastrand::Rng,
     frame: u64,
     /// Whether something nearer hides what is beyond the left and the right side of what is seen.
-    is_open: [bool; 2],
+    is_hidden: [bool; 2],
+    /// Whether its surface goes on there.
+    goes_on: [bool; 2],
 }
 
 impl Drive {
     fn new(seed: u64) -> Self {
         let tracker = Tracker::new(TrackerParameters::default(), RIG, SIZE);
-        Self { tracker, random: fastrand::Rng::with_seed(seed), frame: 0, is_open: [false; 2] }
+        Self {
+            tracker,
+            random: fastrand::Rng::with_seed(seed),
+            frame: 0,
+            is_hidden: [false; 2],
+            goes_on: [false; 2],
+        }
     }
 
     /// The track of the only thing after this frame, if it is seen.
@@ -73,8 +82,10 @@ impl Drive {
         sides_m: [f64; 2],
     ) -> Option<Track> {
         let seen = sighting(&mut self.random, distance_m, sides_m);
-        let sightings: Vec<Region> =
-            seen.into_iter().map(|region| Region { is_open: self.is_open, ..region }).collect();
+        let sightings: Vec<Region> = seen
+            .into_iter()
+            .map(|region| Region { is_hidden: self.is_hidden, goes_on: self.goes_on, ..region })
+            .collect();
         let motion = Motion {
             speed_m_s: OWN_M_S,
             speed_sigma_m_s: 0.1,
@@ -119,10 +130,10 @@ fn a_car_that_comes_into_view_is_as_fast_as_its_front() {
 
 /// Of a bicycle that comes out from behind a wall on the right, 1.3 m of it so far: root mean square error of the speed across, in m/s, and
 /// of its front's place, in metres, and the largest jitter of its width.
-fn errors_behind_a_wall(is_open: [bool; 2]) -> [f64; 3] {
+fn errors_behind_a_wall(is_hidden: [bool; 2]) -> [f64; 3] {
     let (mut squares, mut jitter) = ([0.0; 2], 0.0_f64);
     for seed in 0..20 {
-        let mut drive = Drive { is_open, ..Drive::new(seed) };
+        let mut drive = Drive { is_hidden, ..Drive::new(seed) };
         let mut last = None;
         let front_m = |t: f64| 1.7 - 2.8 * t;
         for frame in 0..6 {
@@ -312,4 +323,28 @@ fn the_side_of_a_parked_car_that_is_passed_is_nothing_new() {
     assert_eq!(begun(true, [-0.3, 0.3], 2.5), 1, "what is in the path");
     assert_eq!(begun(true, side_m, 6.0), 1, "what stands behind it");
     assert!(begun_turning(-0.6, true, side_m, 2.5) > 0, "in a bend it may lie in the own way");
+}
+
+/// Number of pieces of a hedge, of 20, that seem to move: the picture cuts the left side, and the right side, where it was divided, stays in
+/// the same column as the vehicle drives.
+fn moving_hedges(goes_on: [bool; 2]) -> usize {
+    let moves = |seed: &u64| {
+        let mut drive = Drive { goes_on, ..Drive::new(*seed) };
+        (0..10).any(|frame| {
+            let distance_m = 16.0 - OWN_M_S * f64::from(frame) * PERIOD_S;
+            let left_m = -RIG.cx_px / RIG.focal_px * distance_m;
+            let track = drive.see(distance_m, [left_m, 0.6 * left_m]);
+            track.is_some_and(|track| track.movement == Movement::Moving)
+        })
+    };
+    (0..20).filter(moves).count()
+}
+
+#[test]
+fn a_side_where_a_surface_was_divided_tells_no_motion() {
+    let (as_an_end, divided) = (moving_hedges([false; 2]), moving_hedges([false, true]));
+    println!(
+        "pieces of a hedge that seem to move, of 20: {as_an_end} if the division is taken for an end, else {divided}"
+    );
+    assert!(as_an_end >= 10 && divided == 0, "{as_an_end} {divided}");
 }

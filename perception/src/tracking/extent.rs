@@ -58,10 +58,15 @@ impl CutSides {
         }
     }
 
-    /// The same, and the sides that something nearer hides: how far the thing reaches there is not seen, either.
-    pub fn or_hidden(self, region: &Region) -> Self {
-        let [left, right] = region.is_open;
-        Self { left: self.left || left, right: self.right || right, ..self }
+    /// The same, and the other sides that tell no end of the thing: something nearer hides what is beyond them, or the picture cuts one
+    /// side of a surface that was divided at the other one.
+    pub fn or_open(self, region: &Region) -> Self {
+        let ([hidden_left, hidden_right], [left_goes_on, right_goes_on]) = (region.is_hidden, region.goes_on);
+        Self {
+            left: self.left || hidden_left || self.right && left_goes_on,
+            right: self.right || hidden_right || self.left && right_goes_on,
+            ..self
+        }
     }
 
     /// Whether left or right is cut.
@@ -86,8 +91,8 @@ impl Extent {
         extent
     }
 
-    /// Takes in a sighting, `elapsed_s` after the last one. `cut`: the sides that the picture cuts; `open`: these, and those that something
-    /// nearer hides; `enters`: what the picture cuts comes into view.
+    /// Takes in a sighting, `elapsed_s` after the last one. `cut`: the sides that the picture cuts; `open`: these, and the others
+    /// that tell no end ([`CutSides::or_open`]); `enters`: what the picture cuts comes into view.
     pub fn update(
         &mut self,
         region: &Region,
@@ -121,7 +126,7 @@ impl Extent {
         if !open.any() {
             self.whole_sightings = self.whole_sightings.saturating_add(1);
         }
-        // Of a side that is cut or hidden the end is not seen.
+        // Of an open side the end is not seen.
         for side in (0..2).filter(|&side| ![open.left, open.right][side]) {
             self.outline.approach(&region.outline, side, gain);
         }

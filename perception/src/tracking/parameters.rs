@@ -1,5 +1,7 @@
 //! The numbers of the tracker that somebody chose, with unit and reason; those of image motion are in [`super::image_motion`].
 
+use crate::free_space::limits::CONFIRM_S;
+
 /// Parameters of the tracker that the configuration sets.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackerParameters {
@@ -42,7 +44,7 @@ pub const BESIDE_M: f64 = 2.5;
 pub const MIN_URGENT_M: f64 = 30.0;
 /// What is not urgent is confirmed this time after its first sighting at the earliest, in seconds: as long as boundaries need
 /// ([`crate::free_space::limits::CONFIRM_S`]). Pieces of fences, hedges and far rows of cars often have two or three distinct sightings and no more.
-pub const UNHURRIED_S: f64 = 0.24;
+pub const UNHURRIED_S: f64 = CONFIRM_S;
 /// A confirmed track remains confirmed down to this probability, so that one missed sighting changes nothing.
 pub const KEEP_PROBABILITY: f64 = 0.8;
 /// Largest evidence of one sighting, as suffices in a single picture ([`crate::detection::SINGLE_PICTURE_EVIDENCE`]). However
@@ -130,8 +132,11 @@ pub const MAX_RATIO: f64 = 2.0;
 pub const CENTRE_SIGMA_PX: f64 = 2.0;
 /// and as a share of the width.
 pub const CENTRE_SIGMA_SHARE: f64 = 0.04;
-/// The same where the picture cuts both sides.
+/// The same where both sides are open: cut or hidden;
 pub const CUT_SIGMA_SHARE: f64 = 0.5;
+/// and where the surface goes on at one of them: it was divided in nearly the same column in each frame, so that the errors do not average
+/// out: after the ten frames of a second the middle is known to no more than the width.
+pub const DIVIDED_SIGMA_SHARE: f64 = 3.0;
 /// Standard deviation of the depth of the side that is seen where the picture cuts the other one, as a share of the width: things
 /// are about as deep as wide, their corners round, and which part of them is seen changes with the angle. 0.5 m of a car.
 pub const SIDE_DEPTH_SHARE: f64 = 0.3;

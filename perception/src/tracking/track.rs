@@ -6,8 +6,9 @@ use super::extent::{CutSides, Extent, clip, in_view};
 use super::filter::ground::{GroundMotion, Movement};
 use super::filter::{Estimate, TimeToCollision, TrackFilter};
 use super::parameters::{
-    CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, CUT_DEPTH_SIGMA_M, CUT_SIGMA_SHARE, FOUND_AGAIN_S, MIN_SIGMA_PX,
-    NOISE_INFLATION, OUTLIER_SIGMAS, SIDE_DEPTH_SHARE, STEP_FRAMES, SYSTEMATIC_PX, WALKER_M,
+    CENTRE_SIGMA_PX, CENTRE_SIGMA_SHARE, CUT_DEPTH_SIGMA_M, CUT_SIGMA_SHARE, DIVIDED_SIGMA_SHARE,
+    FOUND_AGAIN_S, MIN_SIGMA_PX, NOISE_INFLATION, OUTLIER_SIGMAS, SIDE_DEPTH_SHARE, STEP_FRAMES,
+    SYSTEMATIC_PX, WALKER_M,
 };
 use crate::motion::planar::{OwnRates, Planar};
 use crate::outline::Outline;
@@ -142,15 +143,14 @@ impl Track {
         let change = (region.width_m / self.extent.width_m.max(0.05)).max(0.05).ln().abs();
         // A box that became wider or narrower may have gained or lost a side; beside what hides it, or at the border of the picture, it
         // does so anyway. At the border the image has to tell that it is one thing, or the side that is seen goes on as before.
-        let open = cut.or_hidden(region);
+        let open = cut.or_open(region);
         let half_m = region.width_m / 2.0;
         let [left_m, right_m] = match self.is_over_ground {
             true => region.ends_m(),
             false => [region.lateral_m - half_m, region.lateral_m + half_m],
         };
         let front_m = self.front_m();
-        // A side that the picture cuts, or that something nearer hides, shows nothing of the place, and the other one stays where it is
-        // as the thing comes into view.
+        // An open side shows nothing of the place, and the other one stays where it is as the thing comes into view.
         let (lateral_m, outwards) = match (open.left, open.right) {
             (true, false) => (right_m - front_m / 2.0, -0.5),
             (false, true) => (left_m + front_m / 2.0, 0.5),
@@ -429,6 +429,7 @@ fn noise_px(region: &Region, rig: &Rig, cut: CutSides) -> f64 {
 fn place_sigma_m(region: &Region, rig: &Rig, open: CutSides, width_m: f64) -> f64 {
     let [left_m, right_m] = region.ends_m();
     let (share, side_m) = match (open.left, open.right) {
+        (true, true) if region.goes_on.contains(&true) => (DIVIDED_SIGMA_SHARE, 0.0),
         (true, true) => (CUT_SIGMA_SHARE, 0.0),
         (true, false) => (CENTRE_SIGMA_SHARE, right_m),
         (false, true) => (CENTRE_SIGMA_SHARE, left_m),

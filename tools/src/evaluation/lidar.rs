@@ -496,6 +496,7 @@ mod tests {
             height_m: 1.4,
             inset_m: [0.0; 2],
             is_hidden: [false; 2],
+            goes_on: [false; 2],
             outline: Outline::default(),
             pixels: 900,
             confidence: 1.0,

@@ -481,7 +481,7 @@ impl WeatherReport {
     }
 }
 
-/// Tables of detection, distance and class, then the missed objects by class.
+/// Tables of detection, distance, class and boxes, then missed objects and false alarms.
 impl fmt::Display for WeatherReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let width = self.rows.iter().map(|row| row.name().chars().count()).max().unwrap_or(0).max(12);

@@ -57,9 +57,10 @@ reaches beyond the nearest thing, in metres, mean over the columns of the image.
 --seeds sums the scenes of these seeds in one row: of each, 40 frames (--frames) from a place that
 the seed decides, after 12 frames that are not evaluated. Results do not depend on --threads.
 
-Missed objects are listed, those that were missed most often first: scene, number of frames, place in
-the first of them. Each alarm without a cause is: scene, first frame, what it said when it was raised,
-the track.
+The objects that were missed most often are listed, twelve of each row (--json has all): scene, class,
+frames in which they were missed and in which they were evaluable, and their place in the first of the
+frames in which they were missed. Each alarm without a cause is listed: scene, first frame, what it
+said when it was raised, the track.
 --out writes SCENE-WEATHER.png (the frame with most evaluable objects), SCENE-WEATHER-false-alarms.png
 (the frames in which they were raised, at most 20) and evaluation.json.";
 

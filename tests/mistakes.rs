@@ -201,7 +201,7 @@ fn wrong_command_lines_name_the_argument() {
             ("replay drive --limit ten", 2, &["--limit", "ten", "give a whole number"]),
             ("replay drive extra", 2, &["extra"]),
             ("replay drive --video drive.xyz", 1, &["drive.xyz", ".mp4"]),
-            ("replay drive --record there.mcap", 1, &["there.mcap", "is there already"]),
+            ("replay drive --record there.mcap --instance mistakes", 1, &["there.mcap", "is there already"]),
             (
                 "replay drive --in-process --out drive/rig.toml",
                 1,

@@ -102,7 +102,7 @@ fn configurations_that_cannot_be_used() {
         ("[alarm]\ndistance_m = nan\n", "alarm.distance_m = nan: give a number from 0.5 to 200"),
         ("[alarm]\ndistance_m = \"10 m\"\n", "alarm.distance_m = \"10 m\": give a number"),
         ("[alarm]\ndistance_m = 10000\n", "alarm.distance_m = 10000"),
-        ("[alarm]\ndistence_m = 10\n", "unknown key alarm.distence_m; did you mean distance_m?"),
+        ("[alarm]\ndistence_m = 10\n", "unknown key alarm.distence_m; did you mean alarm.distance_m?"),
         ("[alarms]\n", "unknown table [alarms]; did you mean alarm?"),
         ("[alarm\n", "car.toml:"),
     ] {
@@ -148,7 +148,7 @@ fn usage_errors_have_code_2() {
     }
     // Keys set on the command line are checked like those of a file.
     for (setting, expected) in [
-        ("stereo.lamda_vertical=3", "did you mean lambda_vertical?"),
+        ("stereo.lamda_vertical=3", "did you mean stereo.lambda_vertical?"),
         ("stereo.threads=0", "give a whole number from 1 to 64"),
         ("threads", "give TABLE.KEY=VALUE"),
     ] {

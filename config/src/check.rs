@@ -243,7 +243,8 @@ impl Checker<'_> {
         if self.is_full() {
             return;
         }
-        let hint = nearest(name.get_ref(), known());
+        let table = before.strip_prefix("key ").unwrap_or("");
+        let hint = nearest(table, name.get_ref(), known());
         let shown = excerpt(name.get_ref(), VALUE_CHARS);
         self.add(Some(name.span().start), format!("unknown {before}{shown}{after}{hint}"));
     }
@@ -392,12 +393,12 @@ fn may_use_gpu(backend: &str, is_built: bool) -> bool {
     backend == "gpu" || (backend == "auto" && is_built)
 }
 
-/// "; did you mean X?" for the known name with the smallest edit distance.
-fn nearest<'a>(name: &str, mut known: impl Iterator<Item = &'a str>) -> String {
+/// "; did you mean X?" for the known name with the smallest edit distance, with `table.` before a key.
+fn nearest<'a>(table: &str, name: &str, mut known: impl Iterator<Item = &'a str>) -> String {
     // The distance to a name that is longer than all others says nothing.
     let known = known.by_ref().filter(|_| name.chars().nth(MAX_SUGGESTED_CHARS).is_none());
     match known.map(|k| (strsim::levenshtein(name, k), k)).min() {
-        Some((d, word)) if d <= word.len().div_ceil(2) => format!("; did you mean {word}?"),
+        Some((d, word)) if d <= word.len().div_ceil(2) => format!("; did you mean {table}{word}?"),
         _ => "; docs/configuration.md lists all keys".into(),
     }
 }
@@ -456,7 +457,7 @@ name = \"a b\"
         for (line, part) in [
             (1, "profile: give one of \"replay\""),
             (3, "stereo.disparities = 1000: give a whole number from 16 to 255"),
-            (4, "unknown key stereo.lamda_vertical; did you mean lambda_vertical?"),
+            (4, "unknown key stereo.lamda_vertical; did you mean stereo.lambda_vertical?"),
             (5, "stereo.ssim_k2 = nan: give a number"),
             (7, "alarm.distance_m = \"10\": give a number from 0.5 to 200"),
             (8, "alarm.hold_ms = 1.5: give a whole number"),

@@ -304,6 +304,9 @@ fn service_name(spec: &ServiceSpec) -> Result<ServiceName, IpcError> {
 
 /// Limits the log of iceoryx2 to warnings and errors.
 pub fn set_library_log_level() {
+    set_log_level(LogLevel::Error);
+    // It warns at the first use of its global configuration that there is no file of it. There is none: each node gets its own.
+    let _ = Config::global_config();
     set_log_level(LogLevel::Warn);
 }
 

@@ -83,7 +83,11 @@ fn mistakes_in_a_configuration_have_file_line_and_remedy() {
         &[
             ("check-config", 2, &["<FILE>"]),
             ("check-config gone.toml", 1, &["gone.toml", "profiles", "rpi5"]),
-            ("check-config key.toml", 1, &["key.toml:2", "alarm.distence_m", "did you mean distance_m?"]),
+            (
+                "check-config key.toml",
+                1,
+                &["key.toml:2", "alarm.distence_m", "did you mean alarm.distance_m?"],
+            ),
             ("check-config table.toml", 1, &["table.toml:2", "[alarms]", "did you mean alarm?"]),
             ("check-config other_table.toml", 1, &["other_table.toml:1", "did you mean stereo?"]),
             ("check-config range.toml", 1, &["range.toml:2", "alarm.distance_m = 10000", "from 0.5 to 200"]),
@@ -204,7 +208,7 @@ fn mistakes_in_a_configuration_have_file_line_and_remedy() {
             (
                 "replay drive --set alarm.distance=10",
                 1,
-                &["--set: unknown key alarm.distance", "did you mean distance_m?"],
+                &["--set: unknown key alarm.distance", "did you mean alarm.distance_m?"],
             ),
             (
                 "replay drive --set alrm.distance_m=10",

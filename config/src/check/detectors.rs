@@ -87,7 +87,7 @@ mod tests {
             (1, "recognition.detectors: name the file of the model"),
             (2, "recognition.detectors.kind = \"hogg\": give one of \"hog\", \"cascade\""),
             (3, "recognition.detectors.window_m = 0: give a number from 0.05"),
-            (4, "unknown key recognition.detectors.treshold; did you mean threshold?"),
+            (4, "unknown key recognition.detectors.treshold; did you mean recognition.detectors.threshold?"),
         ] {
             let expected = format!("car.toml:{line}: {part}");
             assert!(got.iter().any(|e| e.starts_with(&expected)), "{expected}\nin {got:#?}");

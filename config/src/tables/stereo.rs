@@ -132,7 +132,7 @@ table! {
     every_frames: Whole(1, 1000) in "frames" = 3;
 
     /// Vertical offset of matching points whose cost makes the calibration degraded: what an offset of this size would
-    /// lose in matches is the limit, 9 % at 1 px. What counts is the loss after correction, where pixels are matched.
+    /// lose in matches is the limit, 10 % at 1 px. What counts is the loss after correction, where pixels are matched.
     bound_px: Number(0.1, 5.0) in "px" = EpipolarParameters::default().bound_px;
 
     /// Vertical offsets up to this value are corrected, smoothly, by shifting the rows of the right image; above it the

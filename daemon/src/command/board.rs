@@ -115,6 +115,12 @@ pub struct PrintBoard {
 pub fn run(args: &PrintBoard) -> Result<(), CommandError> {
     let board = args.board.board()?;
     let out = &args.out;
+    if !out.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg")) {
+        return Err(CommandError::Other(format!(
+            "-o {}: the board is written as SVG, in true size: end the name in .svg",
+            out.display()
+        )));
+    }
     std::fs::write(out, print::svg(&board)).map_err(|e| {
         CommandError::Other(format!("{}: {e}: give a file that can be written", out.display()))
     })?;

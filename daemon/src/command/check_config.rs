@@ -38,10 +38,9 @@ pub fn run(args: &CheckConfig) -> Result<(), CommandError> {
     crate::logging::start("check-config", "warn");
     let place = |key: &str| config::place(args.file.as_deref(), key);
     // Files that the configuration names have to exist and be valid, too: all that are not are told at once.
-    let (rig, wrong_source) = source_and_rig(&config);
-    let wrong: Vec<String> = wrong_files(&config)
+    let (rig, wrong) = wrong(&config);
+    let wrong: Vec<String> = wrong
         .into_iter()
-        .chain(wrong_source)
         .map(|(key, text)| match place(key) {
             // The other camera is that of the profile or the default.
             none if none.is_empty() && key == "camera.right" => place("camera.left") + &text,
@@ -51,18 +50,35 @@ pub fn run(args: &CheckConfig) -> Result<(), CommandError> {
     if !wrong.is_empty() {
         return Err(CommandError::Lines(wrong.join("\n")));
     }
+    let text = toml::to_string(&config).map_err(|e| CommandError::Other(e.to_string()))?;
+    let lacks_rig =
+        if has_rig(&config) { "" } else { " lookout run needs a rig, too: see the note below it." };
+    say(format_args!("# The effective configuration. No errors.{lacks_rig}\n{}", text.trim_end()))?;
+    // Notes come last: the configuration is longer than a screen.
     for (key, path) in absent_cameras(&config) {
         // No error: the file may be for another machine.
         eprintln!("lookout: note: {}{key}: there is no {} on this machine now", place(key), path.display());
     }
-    if config.source.kind == "camera" && config.source.rig.as_os_str().is_empty() {
+    if !has_rig(&config) {
         eprintln!("lookout: note: {}", InputError::NoRigOfCameras);
     }
     if let Some(note) = rig.and_then(|rig| nearest_distance(&rig, config.stereo.disparities)) {
         eprintln!("lookout: note: {}stereo.disparities: {note}", place("stereo.disparities"));
     }
-    let text = toml::to_string(&config).map_err(|e| CommandError::Other(e.to_string()))?;
-    say(format_args!("# The effective configuration. No errors.\n{text}"))
+    Ok(())
+}
+
+/// The rig, if there is one, and the key and the error of each file that is missing, not valid, or does not fit.
+pub fn wrong(config: &Config) -> (Option<Rig>, Vec<(&'static str, String)>) {
+    let mut wrong = wrong_files(config);
+    let (rig, wrong_source) = source_and_rig(config);
+    wrong.extend(wrong_source);
+    (rig, wrong)
+}
+
+/// Whether there is a rig for cameras, if the source is cameras; recordings may have their own.
+pub fn has_rig(config: &Config) -> bool {
+    config.source.kind != "camera" || !config.source.rig.as_os_str().is_empty()
 }
 
 /// The key and the error of each file beside the source and its rig that is missing or not valid.

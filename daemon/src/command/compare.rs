@@ -9,13 +9,16 @@ use tools::evaluation::compare::{Tolerance, compare, is_recording, read};
 
 pub const HELP: &str = "Examples:
   lookout compare results again
+  lookout replay RECORDING --lockstep --record drive.mcap && lookout replay drive.mcap --lockstep --out again
   lookout compare drive.mcap again                  a recording and its replay
   lookout compare a.mcap b.mcap --distance-m 0.1 --box-px 2 --json
 
 A and B are output folders of lookout replay --out, their obstacles.jsonl, or recordings with
 obstacles. The obstacles of each frame are matched by their boxes. Frames that differ are listed
 with their largest differences. If a recording is compared with a folder, its frames are numbered
-by its pairs, as a replay numbers them.
+by its pairs, as a replay numbers them. A recording of a daemon that had been running begins with the
+tracks and the road of before, which its replay does not have: some obstacles, their numbers and the
+alarm then differ, most of all in the first seconds.
 
 Exit code: 0 if nothing differs by more than --distance-m and --box-px, 1 otherwise.";
 

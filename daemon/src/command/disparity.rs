@@ -336,11 +336,11 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     let scale = if times.halved == 0 { String::new() } else { format!(" at 1/{} scale", figures.scale) };
     say(format_args!(
         "{width}x{height}{scale}, {disparities} disparities: {:.1} % known, {:.1} ms of processor time \
-             (median of {}), {:.3} of all nodes, workspace {:.1} MiB; {}{}{rows}",
+             (median of {}), {:.1} % of the search space, workspace {:.1} MiB; {}{}{rows}",
         figures.density * 100.0,
         figures.cpu_ms_median,
         args.repeat,
-        figures.nodes_share,
+        figures.nodes_share * 100.0,
         figures.workspace_bytes as f64 / (1 << 20) as f64,
         args.out.display(),
         figures.device.as_ref().map(DeviceFigures::text).unwrap_or_default()

@@ -36,9 +36,9 @@ pub struct Init {
     #[arg(long, value_name = "PATH", conflicts_with = "left")]
     pub recording: Option<PathBuf>,
     /// Size of one image
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair, conflicts_with = "recording")]
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size, conflicts_with = "recording")]
     pub size: Option<(usize, usize)>,
-    /// Frames a second
+    /// Frames a second of the cameras, or of the recording; the profile of the board may take fewer of a camera's
     #[arg(long, value_name = "N", value_parser = fps)]
     pub fps: Option<f64>,
     /// Profile of the board
@@ -61,17 +61,22 @@ pub struct Init {
     pub force: bool,
 }
 
+fn size(text: &str) -> Result<(usize, usize), String> {
+    pair(text).map_err(|_| "give width and height in pixels, for example 640x480".into())
+}
+
 fn fps(text: &str) -> Result<f64, String> {
     number(text, 0.5, 500.0)
 }
 
 /// Keys that the file shows as comments unless an option sets them.
-const SHOWN: [&str; 20] = [
+const SHOWN: [&str; 21] = [
     "instance.name",
     "source.kind",
     "source.path",
     "source.rig",
     "source.rectify",
+    "source.fps",
     "camera.left",
     "camera.right",
     "camera.side_by_side",
@@ -108,6 +113,14 @@ pub fn run(args: &Init) -> Result<(), CommandError> {
         }
     }
     let has_cameras = checked.source.kind == "camera";
+    let (taken, delivered) = (checked.source.fps, checked.camera.fps);
+    if has_cameras && args.fps.is_some() && taken > 0.0 && taken < delivered {
+        eprintln!(
+            "lookout: note: of the {delivered} frames a second of the cameras {taken} are processed: so many suit the board {}; \
+             source.fps in {out} changes that",
+            args.board
+        );
+    }
     if rig && has_cameras {
         say(format_args!(
             "next: calibrate the cameras: lookout calibrate --live camera -c {out} --board COLSxROWS --square-mm S -o rig.toml,\n\

@@ -20,7 +20,7 @@ rectification, with horizontal lines to check the row alignment.";
 
 #[derive(Args, Debug)]
 pub struct Rectify {
-    /// Rig file
+    /// Rig file with both lenses, as lookout calibrate writes it
     pub rig: PathBuf,
     /// Left image, not rectified
     pub left: PathBuf,
@@ -32,7 +32,12 @@ pub struct Rectify {
 }
 
 pub fn run(args: &Rectify) -> Result<(), CommandError> {
-    let rig = RigFile::read(&args.rig)?;
+    let rig = RigFile::read(&args.rig).map_err(|error| {
+        CommandError::Other(format!(
+            "{error}; lookout rectify reads the TOML file that lookout calibrate writes: lookout rig FILE --format toml -o rig.toml \
+             makes one of KITTI's calib_cam_to_cam.txt or of YAML of OpenCV, Kalibr or EuRoC"
+        ))
+    })?;
     let (left, right, width, height) = read_pair(&args.left, &args.right)?;
     let (w, h) = rig.size();
     if (w, h) != (width, height) {

@@ -54,8 +54,9 @@ scene:NAME is a synthetic scene with its own rig: a built-in one (drive, street,
 bend, roll, overtaken, bridge, lamps, wet, textureless, bus, car-body, car-rear, green-belt, cone,
 debris, stopped-car, next-lane, crest-traffic, dip-traffic, motion, junction-parked, bend-parked,
 bend-parked-left, bend-stopped, bend-overtaking, bend-overtaken, bend-oncoming), random, which a seed
-generates, or a TOML file (docs/scenes.md). Settings may follow: ?weather=sunny, light_rain,
-heavy_rain, night, snow, backlight or overcast; seed=N; rig=paper, kitti or board.
+generates, or a TOML file (docs/scenes.md). drive has no end: --limit N, or Ctrl-C. Settings may
+follow: ?weather=sunny, light_rain, heavy_rain, night, snow, backlight or overcast; seed=N; rig=paper,
+kitti or board.
 
 --out writes overlay/NNNNNN.png, disparity/NNNNNN.png (16 bit, disparity x 256), obstacles.jsonl
 (one line per frame) and summary.json.

@@ -68,6 +68,11 @@ impl RecordingSource {
         let no_pairs = |reason: String| RecordingError::NoPairs { path: path.to_owned(), reason };
         let Some(sides) = image_topics(&index) else {
             let there = topics(&index);
+            if index.cut.is_some() && index.channels().next().is_none() {
+                let reason = "the file is truncated before its first complete chunk ends: no pair of images is complete; \
+                              copy it again";
+                return Err(no_pairs(reason.into()).into());
+            }
             return Err(no_pairs(format!(
                 "no pairs of images: two image topics are needed whose names differ by left and right; \
                  the file has {there}"

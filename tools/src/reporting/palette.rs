@@ -22,7 +22,7 @@ pub const PLAIN: Colour = [240, 240, 240];
 
 /// The legend: words and their colours.
 pub const LEGEND: [(&str, Colour); 7] = [
-    ("cause of alarm", CAUSE),
+    ("cause of warning or alarm", CAUSE),
     ("confirmed", CONFIRMED),
     ("unconfirmed", UNCONFIRMED),
     ("path", PATH),

@@ -2,6 +2,7 @@
 
 mod board;
 mod cameras;
+mod configuration;
 mod finding;
 mod processor;
 mod rights;
@@ -17,7 +18,7 @@ use std::path::Path;
 /// Text below the options of `--help`.
 pub const HELP: &str = "Examples:
   lookout doctor
-  lookout doctor -c /etc/lookout/lookout.toml     also whether the cameras that it names are there
+  lookout doctor -c /etc/lookout/lookout.toml     also whether the files and cameras that it names are there
   sudo -u lookout lookout doctor                  as the service's user, with its permissions
   lookout doctor --json | jq '.findings[] | select(.level == \"problem\")'
 
@@ -49,6 +50,7 @@ pub fn run(args: &Doctor, log: Option<&str>) -> Result<(), CommandError> {
     let findings: Vec<Finding> = [
         processor::findings(root),
         cameras::findings(root, &config),
+        configuration::findings(&config),
         board::findings(root, &config),
         rights::findings(root, &config),
     ]

@@ -53,15 +53,13 @@ left_s), or, without either, from this program's own odometry; a scene knows it.
 the stages never see it. The options --poses, --oxts, --times and --rig are given once for each
 recording, in their order; --rig may be given once for all.
 
-clear, warning, alarm: frames. warnings, alarms: rises to that level or beyond. judged: frames of which
-the path ahead is known. false: false obstacles over these frames; tracks: their tracks. moving:
-obstacles in the strip that move along; in strip: both, which is what false counted before. life: time
-after which half of the confirmed tracks were lost in view (Kaplan and Meier; what left what both cameras
-see or the range, went behind something much nearer, is told as a boundary now, or is there at the end
-tells only that it lived so long; > is a lower limit); strict: the same where what is hidden or told as a
-boundary counts as lost. jumps: share of consecutive measured boxes whose width changes by more than
-30 %. pred: share of predicted boxes. unfree: share of the driven strip up to 15 m ahead that was not
-called free; what drove there counts.
+The table has a row for each figure. judged: frames of which the path ahead is known. move along:
+obstacles in the strip that are not judged; false or moving: both, which is what false counted before.
+life: time after which half of the confirmed tracks were lost in view (Kaplan and Meier; what left what
+both cameras see or the range, went behind something much nearer, is told as a boundary now, or is there
+at the end tells only that it lived so long; > is a lower limit); the row below counts what is hidden or
+told as a boundary as lost. jumps of width: between consecutive measured boxes. not called free: of the
+driven strip up to 15 m ahead; what drove there counts. docs/drives.md has more.
 
 --out writes index.html, one file with time lines and pictures before, at and after each false warning,
 alarm and obstacle (the driven strip pink), and evaluation.json.";

@@ -24,7 +24,7 @@ use tools::reporting::output::OutputError;
 
 /// Text below the options of `--help`.
 pub const HELP: &str = "Examples:
-  lookout evaluate ncap --nominal                            one place of impact a row
+  lookout evaluate ncap --nominal                            one place of impact a test
   lookout evaluate ncap --rows CCRs,CPNA --speeds 20,40
   lookout evaluate ncap --rig board --seeds 100-102 --threads 8 --out report    then open report/index.html
   lookout evaluate ncap --year 2023 --weather overcast,heavy_rain --json
@@ -55,10 +55,10 @@ pub struct EvaluateNcap {
     /// Protocol
     #[arg(long, default_value_t = 2026, value_name = "YEAR", value_parser = year)]
     pub year: u16,
-    /// Rows [default: all]
+    /// Tests, by the names of the rows of the table, such as CCRs,CPNA (all names are below) [default: all]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub rows: Vec<String>,
-    /// Own speeds in km/h, of those of the rows [default: all]
+    /// Own speeds in km/h, of those of the tests: multiples of 5, most from 10 to 80 [default: all]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub speeds: Vec<f64>,
     /// Only the nominal place of impact of each row
@@ -67,7 +67,7 @@ pub struct EvaluateNcap {
     /// With the extended range: faster, and beyond the edges of the vehicle
     #[arg(long)]
     pub extended: bool,
-    /// Cameras
+    /// Cameras: paper (640x480 px, baseline 0.12 m), kitti (1242x375, 0.54 m), board (1280x720, 0.30 m)
     #[arg(long, default_value = "paper", value_name = "NAME",
         value_parser = PossibleValuesParser::new(NamedRig::ALL.map(NamedRig::name)))]
     pub rig: String,

@@ -35,9 +35,9 @@ in the daemon process them, in one process. Each alarm is compared with the trut
 with the same scene without faults.
 
 seconds: time that passes on the source's clock, with all gaps; --duration limits it. true alarms:
-in each of their frames, or at most the hold time (alarm.hold_ms) and 0.5 s before it, an obstacle in
-the path is nearer than the limits of the alarm (with 15 % or 1 m of tolerance). false alarms: all
-others, unless the same scene has one at that place without faults. due: stretches of more than
+in each of their frames, or at most the hold time (alarm.hold_ms) and 0.5 s before it, or 0.24 s after
+it, an obstacle in the path is nearer than the limits of the alarm (with 15 % or 1 m of tolerance). false
+alarms: all others, unless the same scene has one at that place without faults. due: stretches of more than
 16 normal frames with an obstacle nearer than alarm.distance_m for which the same scene raises the alarm
 without faults; missed: those whose alarm was not on from the 17th frame to the last.
 

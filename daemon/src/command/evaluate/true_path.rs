@@ -20,8 +20,15 @@ pub fn from_files(
     oxts: Option<(&Path, &Path)>,
 ) -> Result<Option<TruePath>, CommandError> {
     Ok(match (poses, oxts) {
-        (Some(file), _) => Some((file.display().to_string(), read_poses(file)?)),
-        (None, Some((oxts, times))) => Some((oxts.display().to_string(), read_oxts(oxts, times)?)),
+        (Some(file), _) => {
+            let path = read_poses(file).map_err(|error| CommandError::Other(format!("--poses {error}")))?;
+            Some((file.display().to_string(), path))
+        }
+        (None, Some((oxts, times))) => {
+            let path = read_oxts(oxts, times)
+                .map_err(|error| CommandError::Other(format!("--oxts, --times: {error}")))?;
+            Some((oxts.display().to_string(), path))
+        }
         (None, None) => None,
     })
 }

@@ -25,12 +25,8 @@ fn pace_lines(status: &StatusRecord) -> String {
     if p.rate_hz > 0.0 {
         let _ = write!(out, "pacing: {:.1} fps of {:.1} requested", p.rate_hz, p.wanted_hz);
         if p.slowest_ms > 0.0 {
-            let _ = write!(
-                out,
-                "; slowest stage: {}, in nine of ten frames at most {:.1} ms",
-                p.slowest_name(),
-                p.slowest_ms
-            );
+            let _ =
+                write!(out, "; slowest stage: {}, 90th percentile {:.1} ms", p.slowest_name(), p.slowest_ms);
         }
         let _ = writeln!(out, "; {}", status.deadline);
     }

@@ -3,8 +3,8 @@
 
 use super::event::Event;
 use super::filmstrip::Still;
-use super::report::{COLUMNS, DriveReport, RecordingReport, cells};
-use super::score::{DriveScore, LEVELS};
+use super::report::{DriveReport, FIGURES, RecordingReport};
+use super::score::LEVELS;
 use crate::reporting::html::{escaped, page};
 use std::fmt::Write;
 
@@ -43,23 +43,18 @@ pub fn to_html(report: &DriveReport, films: &[Film]) -> String {
 }
 
 fn table(body: &mut String, report: &DriveReport) {
-    body.push_str("<table><tr><th>recording");
-    for name in COLUMNS {
-        let _ = write!(body, "<th>{name}");
+    let columns = report.columns();
+    body.push_str("<table><tr><th>");
+    for (name, _) in &columns {
+        let _ = write!(body, "<th>{}", escaped(name));
     }
     body.push_str("</tr>\n");
-    let mut row = |name: &str, score: &DriveScore| {
-        let _ = write!(body, "<tr><td>{}", escaped(name));
-        for cell in cells(score) {
-            let _ = write!(body, "<td>{}", escaped(&cell));
+    for (i, figure) in FIGURES.iter().enumerate() {
+        let _ = write!(body, "<tr><td>{}", escaped(figure));
+        for (_, values) in &columns {
+            let _ = write!(body, "<td>{}", escaped(&values[i]));
         }
         body.push_str("</tr>\n");
-    };
-    for recording in &report.recordings {
-        row(&recording.name, &recording.score);
-    }
-    if report.recordings.len() > 1 {
-        row("total", &report.total);
     }
     body.push_str("</table>\n");
 }
@@ -173,6 +168,7 @@ impl Film {
 
 #[cfg(test)]
 mod tests {
+    use super::super::score::DriveScore;
     use super::*;
 
     #[test]

@@ -45,14 +45,31 @@ impl DriveReport {
     }
 }
 
-/// Columns of the table after the name.
-pub const COLUMNS: [&str; 19] = [
-    "frames", "s", "off %", "clear", "warning", "alarm", "warnings", "alarms", "judged", "false", "tracks",
-    "a frame", "moving", "in strip", "life s", "strict s", "jumps %", "pred %", "unfree %",
+/// The figures of the table, each a row; a column for each recording.
+pub const FIGURES: [&str; 19] = [
+    "frames",
+    "time, s",
+    "alarm off, % of the frames",
+    "frames with the level clear",
+    "frames with the level warning",
+    "frames with the level alarm",
+    "rises to warning or beyond",
+    "rises to alarm",
+    "frames judged: the path ahead is known",
+    "false obstacles in the driven strip",
+    "tracks of false obstacles",
+    "false obstacles a judged frame",
+    "obstacles in the strip that move along",
+    "obstacles in the strip, false or moving",
+    "life of tracks in view, median, s",
+    "the same, hidden or a boundary is lost",
+    "jumps of width above 30 %, % of boxes",
+    "predicted boxes, %",
+    "driven strip not called free, %",
 ];
 
-/// The cells of a row below [`COLUMNS`]; a dash where there is no figure.
-pub fn cells(score: &DriveScore) -> [String; COLUMNS.len()] {
+/// The values of [`FIGURES`]; a dash where there is none.
+pub fn cells(score: &DriveScore) -> [String; FIGURES.len()] {
     let share = |value: Option<f64>| value.map_or("-".into(), |v| format!("{v:.1}"));
     let life = |seconds: Option<f64>, is_limit: bool| {
         let more = if is_limit { ">" } else { "" };
@@ -81,24 +98,35 @@ pub fn cells(score: &DriveScore) -> [String; COLUMNS.len()] {
     ]
 }
 
-fn row(f: &mut fmt::Formatter<'_>, name: &str, width: usize, cells: &[String]) -> fmt::Result {
-    write!(f, "{name:<width$}")?;
-    for cell in cells {
-        write!(f, " {cell:>8}")?;
+impl DriveReport {
+    /// Name and values of each column of the table: each recording, and all of several together.
+    pub fn columns(&self) -> Vec<(&str, [String; FIGURES.len()])> {
+        let total = (self.recordings.len() > 1).then(|| ("total", cells(&self.total)));
+        let one = |recording: &'_ RecordingReport| cells(&recording.score);
+        self.recordings.iter().map(|recording| (&recording.name[..], one(recording))).chain(total).collect()
     }
-    writeln!(f)
 }
+
+/// Smallest width of a column, in characters.
+const MIN_WIDTH: usize = 8;
 
 impl fmt::Display for DriveReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let names = self.recordings.iter().map(|r| r.name.chars().count());
-        let width = names.max().unwrap_or(0).max("recording".len());
-        row(f, "recording", width, &COLUMNS.map(String::from))?;
-        for recording in &self.recordings {
-            row(f, &recording.name, width, &cells(&recording.score))?;
+        let columns = self.columns();
+        let label = FIGURES.iter().map(|figure| figure.chars().count()).max().unwrap_or(0);
+        let widths: Vec<usize> =
+            columns.iter().map(|(name, _)| name.chars().count().max(MIN_WIDTH)).collect();
+        write!(f, "{:label$}", "")?;
+        for ((name, _), width) in columns.iter().zip(&widths) {
+            write!(f, "  {name:>width$}")?;
         }
-        if self.recordings.len() > 1 {
-            row(f, "total", width, &cells(&self.total))?;
+        writeln!(f)?;
+        for (i, figure) in FIGURES.iter().enumerate() {
+            write!(f, "{figure:label$}")?;
+            for ((_, values), width) in columns.iter().zip(&widths) {
+                write!(f, "  {:>width$}", values[i])?;
+            }
+            writeln!(f)?;
         }
         for (reason, frames) in &self.total.off_reasons {
             writeln!(f, "alarm off in {frames} frames: {reason}")?;
@@ -156,17 +184,33 @@ mod tests {
     }
 
     #[test]
-    fn every_recording_has_a_row_and_all_have_one_together() {
+    fn every_recording_has_a_column_and_all_have_one_together() {
         let event = Event { frame: 7, kind: "warning", text: "track 3".into() };
         let named =
             |name: &str, n| (name.to_owned(), "poses.txt".to_owned(), tally(n), vec![event.clone(); 31]);
         let report = DriveReport::new([named("a", 0), named("longer/name", 4)]);
         let text = report.to_string();
-        let lines: Vec<Vec<&str>> = text.lines().map(|l| l.split_whitespace().collect()).collect();
-        assert_eq!((lines[1][0], lines[2][0], lines[3][0]), ("a", "longer/name", "total"), "{text}");
-        assert_eq!(lines[1][9..15], ["46", "0", "0", "0.000", "0", "0"][..], "{text}");
-        assert_eq!(lines[3][1..4], ["120", "11.8", "100.0"][..], "{text}");
-        assert_eq!(lines[3][9..15], ["92", "4", "1", "0.043", "0", "4"][..], "{text}");
+        assert_eq!(
+            text.lines().next().map(|l| l.split_whitespace().collect()),
+            Some(vec!["a", "longer/name", "total"])
+        );
+        let row = |figure: &str| -> Vec<&str> {
+            let line = text.lines().find(|line| line.starts_with(figure)).unwrap();
+            line[figure.len()..].split_whitespace().collect()
+        };
+        for (figure, values) in [
+            ("frames  ", ["60", "60", "120"]),
+            ("time, s", ["5.9", "5.9", "11.8"]),
+            ("alarm off, % of the frames", ["100.0", "100.0", "100.0"]),
+            ("frames judged: the path ahead is known", ["46", "46", "92"]),
+            ("false obstacles in the driven strip", ["0", "4", "4"]),
+            ("tracks of false obstacles", ["0", "1", "1"]),
+            ("false obstacles a judged frame", ["0.000", "0.087", "0.043"]),
+            ("obstacles in the strip that move along", ["0", "0", "0"]),
+            ("obstacles in the strip, false or moving", ["0", "4", "4"]),
+        ] {
+            assert_eq!(row(figure), values, "{text}");
+        }
         assert!(text.contains("alarm off in 120 frames: no road seen"), "{text}");
         assert!(text.contains("longer/name: judged by poses.txt\n  frame 7: warning: track 3\n"), "{text}");
         assert_eq!(text.matches("and 1 more").count(), 2, "{text}");

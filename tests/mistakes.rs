@@ -242,7 +242,7 @@ fn wrong_command_lines_name_the_argument() {
             ("train --negatives drive/left -o c.xml", 2, &["not provided", "--positives"]),
             ("init --left /dev/video0 -o i.toml", 1, &["--right", "--side-by-side"]),
             ("init --left a --right b --board pi4", 2, &["pi4", "rpi5"]),
-            ("init --left a --right b --size 640 -o i.toml", 2, &["--size", "two whole numbers"]),
+            ("init --left a --right b --size 640 -o i.toml", 2, &["--size", "width and height in pixels"]),
             ("init --left a --right b --size 9x9 -o i.toml", 1, &["i.toml", "camera.width = 9", "from 32"]),
             (
                 "init --left a --right b -o drive/rig.toml",

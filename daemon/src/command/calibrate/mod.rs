@@ -130,12 +130,6 @@ pub fn run(args: &Calibrate, log: Option<&str>) -> Result<(), CommandError> {
         Some(folder) if !args.live => folder.clone(),
         _ => live::collect(args, board, log)?,
     };
-    if !folder.is_dir() {
-        return Err(CommandError::Other(format!(
-            "{}: there is no such folder: give one with the pictures of the board",
-            folder.display()
-        )));
-    }
     let (start, cpu) = (Instant::now(), messages::clock::process_cpu_ns());
     let bar = progress(Some(0), "images");
     bar.set_message("detecting the board");

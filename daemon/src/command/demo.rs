@@ -120,7 +120,9 @@ fn pictures(config: &Config, out: &Path, outcome: &RunOutcome) -> Result<(), Com
     let map = sources::picture::read(&path).map_err(|e| CommandError::Other(e.to_string()))?.into_luma16();
     let (width, height) = (map.width() as usize, map.height() as usize);
     let disparities = usize::try_from(config.stereo.disparities).unwrap_or(0);
-    colour::disparity(&map, width, height, disparities as f32).save(&out.join("disparity.png"))?;
+    let mut colours = colour::disparity(&map, width, height, disparities as f32);
+    colours.append_below(&colour::scale(width, disparities as f32));
+    colours.save(&out.join("disparity.png"))?;
     let source = input::open(config).map_err(scheduler::RunError::from)?;
     let rig = input::rig(config, source.as_ref()).map_err(scheduler::RunError::from)?;
     let mut detector = SceneDetector::new(scene_parameters(config, &rig), rig, width, height, disparities);
@@ -137,7 +139,7 @@ fn pictures(config: &Config, out: &Path, outcome: &RunOutcome) -> Result<(), Com
             "left.png",
             format!("frame {}: road in green, obstacles in light blue, alarm on top", best.sequence),
         ),
-        ("disparity.png", "its disparity: red is near, blue is far, black is unknown".into()),
+        ("disparity.png", "its disparity in px: red is near, blue is far, black is unknown".into()),
         ("v-disparity.png", "its v-disparity with the road profile".into()),
         ("latency.png", "processing time of each stage by frame".into()),
         ("overlay/, disparity/", format!("all {} frames", records.len())),

@@ -24,6 +24,7 @@ use std::path::Path;
 use std::path::PathBuf;
 use std::time::Instant;
 use tools::evaluation::report::RowsCorrected;
+use tools::reporting::colour;
 use tools::reporting::picture::{check_ending, save_grey};
 
 /// Text below the options of `--help`.
@@ -301,7 +302,9 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     }
     tools::reporting::picture::save_disparity(&args.out, &disparity, width, height)?;
     if let Some(path) = &args.color {
-        tools::reporting::colour::disparity(&disparity, width, height, disparities as f32).save(path)?;
+        let mut colours = colour::disparity(&disparity, width, height, disparities as f32);
+        colours.append_below(&colour::scale(width, disparities as f32));
+        colours.save(path)?;
     }
     if let Some(path) = &args.probability {
         let within = |&score: &u8| match score {

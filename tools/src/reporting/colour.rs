@@ -32,9 +32,52 @@ pub fn disparity(disparity: &[u16], width: usize, height: usize, max_px: f32) ->
     Picture::from_pixels(colours, width, height)
 }
 
+/// Height of [`scale`], in px.
+pub const SCALE_HEIGHT: usize = 32;
+/// Disparities that a scale tells, in px, and the least distance between two of them, in columns.
+const TOLD_PX: [u16; 9] = [1, 2, 4, 8, 16, 32, 64, 128, 255];
+const TOLD_APART: f32 = 48.0;
+
+/// The colours of [`disparity`] with their values, to append below a map of `width` columns.
+pub fn scale(width: usize, max_px: f32) -> Picture {
+    let max_px = max_px.max(1.0);
+    let share = |x: usize| x as f32 / width.saturating_sub(1).max(1) as f32;
+    let row = (0..width).map(|x| rainbow(share(x)));
+    let mut picture = Picture::new(width, SCALE_HEIGHT, [0, 0, 0]);
+    for (x, colour) in row.enumerate() {
+        picture.fill([x as i32, 2, 1, 12], colour);
+    }
+    let mut free = 0.0;
+    for px in TOLD_PX.into_iter().filter(|px| f32::from(*px) <= max_px) {
+        let x = (f32::from(px) / max_px).sqrt() * (width as f32 - 1.0);
+        // The last one ends with the picture.
+        let left = x.min(width as f32 - TOLD_APART);
+        if left >= free {
+            picture.fill([x as i32, 2, 1, 14], [255, 255, 255]);
+            picture.text(&format!("{px} px"), left as i32, 17, [240, 240, 240]);
+            free = left + TOLD_APART;
+        }
+    }
+    picture
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_scale_has_the_colours_of_the_map_at_their_values() {
+        let (width, max_px) = (400, 64.0);
+        let scale = scale(width, max_px);
+        assert_eq!((scale.width(), scale.height()), (width, SCALE_HEIGHT));
+        // A quarter of the largest disparity is in the middle, with a mark.
+        let middle = disparity(&[16 * 256], 1, 1, max_px).at(0, 0);
+        assert_eq!((scale.at(198, 8), scale.at(199, 8)), (rainbow(198.0 / 399.0), [255; 3]));
+        let far = |a: [u8; 3], b: [u8; 3]| (0..3).any(|c| a[c].abs_diff(b[c]) > 3);
+        assert!(!far(scale.at(200, 8), middle) && far(scale.at(20, 8), middle));
+        // Too narrow for values.
+        assert_eq!(super::scale(3, max_px).width(), 3);
+    }
 
     #[test]
     fn near_is_red_far_is_blue_unknown_is_black() {

@@ -4,8 +4,12 @@ use crate::reporting::picture::{Colour, Picture};
 use perception::road::histogram::{BINS_PER_PX, VDisparity};
 use perception::stereo::DisparityView;
 
+/// Distance of the marks of both axes: disparities in px, rows of the image.
+const MARKS_PX: usize = 16;
+const MARKS_ROWS: usize = 100;
+
 /// Draws counts in grey (logarithmic scale) and the road profile in red. One column per bin of 1/4 px, one row
-/// per image row.
+/// per image row; marks tell disparities and rows.
 pub fn draw(histogram: &VDisparity, profile_px: &[f32]) -> Picture {
     let (width, height) = (histogram.bins(), histogram.height());
     let pixels = (0..height).flat_map(|y| histogram.row(y).iter().map(|&c| shade(c)));
@@ -18,7 +22,17 @@ pub fn draw(histogram: &VDisparity, profile_px: &[f32]) -> Picture {
             }
         }
     }
-    picture.text("disparity ->, red = road", 70, 4, [240, 240, 240]);
+    let (ink, bottom) = ([240, 240, 240], height as i32);
+    picture.text("rows of the image by disparity in px, red = road", 70, 4, ink);
+    for px in (MARKS_PX..width / BINS_PER_PX).step_by(MARKS_PX) {
+        let x = (px * BINS_PER_PX) as i32;
+        picture.fill([x, bottom - 4, 1, 4], ink);
+        picture.text(&px.to_string(), x - 7, bottom - 18, ink);
+    }
+    for row in (MARKS_ROWS..height).step_by(MARKS_ROWS) {
+        picture.fill([0, row as i32, 4, 1], ink);
+        picture.text(&row.to_string(), 6, row as i32 - 6, ink);
+    }
     picture
 }
 

@@ -117,7 +117,10 @@ fn one_pair_gives_disparity_and_obstacles() {
     // The licence plate of the car ahead is 16 m away: 440 px × 0.12 m ÷ 16 m = 3.3 px.
     let middle = f32::from(map.get_pixel(160, 126)[0]) / 256.0;
     assert!((middle - 3.3).abs() < 0.4, "{middle}");
-    assert_eq!(image::open(bench.path("c.png")).unwrap().color(), image::ColorType::Rgb8);
+    let colours = image::open(bench.path("c.png")).unwrap();
+    assert_eq!(colours.color(), image::ColorType::Rgb8);
+    // With a scale below the map.
+    assert_eq!((colours.width(), colours.height()), (320, 240 + 32));
 
     let out =
         bench.ok(&["obstacles", pair[0], pair[1], "--rig", "drive/rig.toml", "--json", "--overlay", "o.png"]);

@@ -86,7 +86,7 @@ fn what_stands_in_the_driven_strip_is_false_and_the_path_only_judges() {
 }
 
 #[test]
-fn several_recordings_have_a_row_each_and_a_page_with_pictures() {
+fn several_recordings_have_a_column_each_and_a_page_with_pictures() {
     let (bench, recording) = bench();
     let args = [&recording, &recording, "--poses", "slow.txt", "--poses", "aside.txt", "--out", "out"];
     let report = evaluate(&bench, &args);

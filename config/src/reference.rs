@@ -12,8 +12,8 @@ pub fn reference() -> String {
          This page lists every key of the configuration: what it sets, its range, its default, and what a reload does with it.\n\
          A configuration is a TOML file, given with `-c FILE`. Keys that it leaves out come from the profile that\n\
          its first line may name (`profile = \"tk1\"`), otherwise they have their defaults. `-c` also takes the name\n\
-         of a profile. `lookout check-config FILE` prints every error of the keys with its line, then those of the\n\
-         files that they name, or the effective configuration.\n\n",
+         of a profile. `lookout check-config FILE` prints every error of the keys with its line, or, if there is none,\n\
+         of the files that they name; otherwise the effective configuration.\n\n",
     );
     let _ = writeln!(
         out,

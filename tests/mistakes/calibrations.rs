@@ -187,8 +187,10 @@ fn calibrations_that_do_not_fit_are_told() {
             (
                 "rectify calib.txt drive/left/000000.png drive/right/000000.png -o r",
                 1,
-                &["calib.txt", "give a rig file"],
+                &["calib.txt", "lookout rig FILE --format toml"],
             ),
+            ("board --board 9x6 --square-mm 25 -o board.png", 1, &["-o board.png", "end the name in .svg"]),
+            ("rig calib.txt --size 640", 2, &["--size", "width and height in pixels"]),
             ("rig gone.toml", 1, &["gone.toml", "no such file", "lookout calibrate"]),
             ("rig calib.txt", 1, &["calib.txt", "image size", "--size"]),
             ("rig drive", 1, &["drive: a folder", "drive/rig.toml"]),

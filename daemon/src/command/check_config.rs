@@ -51,8 +51,7 @@ pub fn run(args: &CheckConfig) -> Result<(), CommandError> {
         return Err(CommandError::Lines(wrong.join("\n")));
     }
     let text = toml::to_string(&config).map_err(|e| CommandError::Other(e.to_string()))?;
-    let lacks_rig =
-        if has_rig(&config) { "" } else { " lookout run needs a rig, too: see the note below it." };
+    let lacks_rig = if has_rig(&config) { "" } else { " lookout run needs a rig, too: see the last note." };
     say(format_args!("# The effective configuration. No errors.{lacks_rig}\n{}", text.trim_end()))?;
     // Notes come last: the configuration is longer than a screen.
     for (key, path) in absent_cameras(&config) {

@@ -9,7 +9,8 @@ use tools::evaluation::compare::{Tolerance, compare, is_recording, read};
 
 pub const HELP: &str = "Examples:
   lookout compare results again
-  lookout replay RECORDING --lockstep --record drive.mcap && lookout replay drive.mcap --lockstep --out again
+  lookout replay RECORDING --lockstep --record drive.mcap
+  lookout replay drive.mcap --lockstep --out again
   lookout compare drive.mcap again                  a recording and its replay
   lookout compare a.mcap b.mcap --distance-m 0.1 --box-px 2 --json
 

@@ -67,7 +67,7 @@ pub struct Disparity {
     /// Run the matcher this many times; times are medians
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = whole::<u32>(1, 10_000))]
     pub repeat: u32,
-    /// Also write the map in colour
+    /// Also write the map in colour, with a scale below it
     #[arg(long, value_name = "FILE")]
     pub color: Option<PathBuf>,
     /// Also write how likely each disparity is right: 8-bit PNG, probability of an error of at most 3 px
@@ -339,7 +339,7 @@ pub fn run(args: &Disparity, log: Option<&str>) -> Result<(), CommandError> {
     let scale = if times.halved == 0 { String::new() } else { format!(" at 1/{} scale", figures.scale) };
     say(format_args!(
         "{width}x{height}{scale}, {disparities} disparities: {:.1} % known, {:.1} ms of processor time \
-             (median of {}), {:.1} % of the search space, workspace {:.1} MiB; {}{}{rows}",
+             (median of {}), visited nodes {:.1} % of width x height x disparities, workspace {:.1} MiB; {}{}{rows}",
         figures.density * 100.0,
         figures.cpu_ms_median,
         args.repeat,

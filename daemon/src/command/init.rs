@@ -1,6 +1,6 @@
 //! `lookout init`: writes a commented configuration from a few options.
 
-use crate::command::calibrate::pair;
+use crate::command::calibrate::picture_size;
 use crate::command::console::say;
 use crate::command::error::CommandError;
 use crate::command::number::{number, whole};
@@ -36,7 +36,7 @@ pub struct Init {
     #[arg(long, value_name = "PATH", conflicts_with = "left")]
     pub recording: Option<PathBuf>,
     /// Size of one image
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size, conflicts_with = "recording")]
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = picture_size, conflicts_with = "recording")]
     pub size: Option<(usize, usize)>,
     /// Frames a second of the cameras, or of the recording; the profile of the board may take fewer of a camera's
     #[arg(long, value_name = "N", value_parser = fps)]
@@ -59,10 +59,6 @@ pub struct Init {
     /// Overwrite the file
     #[arg(long)]
     pub force: bool,
-}
-
-fn size(text: &str) -> Result<(usize, usize), String> {
-    pair(text).map_err(|_| "give width and height in pixels, for example 640x480".into())
 }
 
 fn fps(text: &str) -> Result<f64, String> {
@@ -116,8 +112,8 @@ pub fn run(args: &Init) -> Result<(), CommandError> {
     let (taken, delivered) = (checked.source.fps, checked.camera.fps);
     if has_cameras && args.fps.is_some() && taken > 0.0 && taken < delivered {
         eprintln!(
-            "lookout: note: of the {delivered} frames a second of the cameras {taken} are processed: so many suit the board {}; \
-             source.fps in {out} changes that",
+            "lookout: note: the cameras deliver {delivered} frames/s, {taken} are processed: source.fps of the profile {}; \
+             {out} can set another",
             args.board
         );
     }

@@ -16,10 +16,11 @@ pub const HELP: &str = "Examples:
   lookout obstacles left.png right.png --rig calib.txt --overlay found.png
   lookout obstacles left.png right.png --rig rig.toml --json
 
-The rig is what lookout calibrate writes, another TOML file with focal_px, baseline_m, cx_px and cy_px, a KITTI
-calib.txt, or YAML of OpenCV, Kalibr or EuRoC. no: the number by which the alarm and the overlay name an obstacle.
-lateral: of its middle, in metres to the right of the left camera. Obstacles of which one pair tells too little to
-confirm them are \"unconfirmed\"; they raise no alarm.";
+The rig is what lookout calibrate writes, another TOML file with focal_px, baseline_m, cx_px and cy_px,
+a KITTI calib.txt, or YAML of OpenCV, Kalibr or EuRoC.
+
+track: the number in the sentence of the alarm and in --json. lateral: of its middle, in metres to the
+right of the left camera. unconfirmed: one pair tells too little of it; it raises no alarm.";
 
 #[derive(Args, Debug)]
 pub struct Obstacles {
@@ -66,12 +67,12 @@ pub fn run(args: &Obstacles, log: Option<&str>) -> Result<(), CommandError> {
         None => say("no road detected: obstacles cannot be separated from it")?,
     }
     say(format_args!(
-        "{:>3}  {:<12} {:>16} {:>9} {:>15} {:>22}",
-        "no", "class", "distance", "lateral", "width x height", "box in px"
+        "{:>5}  {:<12} {:>16} {:>9} {:>15} {:>22}",
+        "track", "class", "distance", "lateral", "width x height", "box in px"
     ))?;
     for o in &record.obstacles {
         say(format_args!(
-            "{:>3}  {:<12} {:>16} {:>7.1} m {:>15} {:>22}{}",
+            "{:>5}  {:<12} {:>16} {:>7.1} m {:>15} {:>22}{}",
             o.track,
             o.class,
             format!("{:.2} ± {:.2} m", o.distance_m, o.distance_sigma_m),

@@ -6,6 +6,7 @@ use crate::command::error::CommandError;
 use clap::Args;
 use perception::image::GreyView;
 use perception::rectify::Remap;
+use sources::calibration_file;
 use sources::rig_file::RigFile;
 use std::path::PathBuf;
 use tools::calibration::report::before_and_after;
@@ -32,13 +33,15 @@ pub struct Rectify {
 }
 
 pub fn run(args: &Rectify) -> Result<(), CommandError> {
-    let rig = RigFile::read(&args.rig).map_err(|error| {
-        CommandError::Other(format!(
-            "{error}; lookout rectify reads the TOML file that lookout calibrate writes: lookout rig FILE --format toml -o rig.toml \
-             makes one of KITTI's calib_cam_to_cam.txt or of YAML of OpenCV, Kalibr or EuRoC"
-        ))
-    })?;
     let (left, right, width, height) = read_pair(&args.left, &args.right)?;
+    let rig = RigFile::read(&args.rig).map_err(|error| {
+        let hint = if calibration_file::open_for(&args.rig, true, (width, height)).is_ok() {
+            "; it is a calibration in another format: lookout rig FILE --format toml -o rig.toml converts one with lenses"
+        } else {
+            ""
+        };
+        CommandError::Other(format!("{error}{hint}"))
+    })?;
     let (w, h) = rig.size();
     if (w, h) != (width, height) {
         return Err(CommandError::Other(format!(

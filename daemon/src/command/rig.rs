@@ -27,7 +27,7 @@ pub struct RigCommand {
     #[arg(long, value_enum, requires = "out")]
     pub format: Option<FormatChoice>,
     /// Image size, for files that do not contain it
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = picture_size)]
     pub size: Option<(usize, usize)>,
     #[command(flatten)]
     pub crop: CropArgs,

@@ -223,7 +223,7 @@ fn changed_messages_are_refused_or_give_results_in_their_ranges() {
 
     let mut random = Rng::with_seed(23);
     let mut recognition = stage(Role::Recognition, &config, &format);
-    let (mut accepted, mut time_ns, rounds) = (0, 0, 4000);
+    let (mut accepted, mut time_ns, rounds) = (0, 0, 2000);
     for round in 0..rounds {
         let [_, mut message] = frames[round % frames.len()].clone();
         message.header.sequence = round as u64;

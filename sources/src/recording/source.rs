@@ -67,17 +67,7 @@ impl RecordingSource {
         let index = Index::open(path)?;
         let no_pairs = |reason: String| RecordingError::NoPairs { path: path.to_owned(), reason };
         let Some(sides) = image_topics(&index) else {
-            let there = topics(&index);
-            if index.cut.is_some() && index.channels().next().is_none() {
-                let reason = "the file is truncated before its first complete chunk ends: no pair of images is complete; \
-                              copy it again";
-                return Err(no_pairs(reason.into()).into());
-            }
-            return Err(no_pairs(format!(
-                "no pairs of images: two image topics are needed whose names differ by left and right; \
-                 the file has {there}"
-            ))
-            .into());
+            return Err(no_pairs(without_images(&index)).into());
         };
         let frames = pair_up(places_of(&index, sides[0]), &places_of(&index, sides[1]));
         let Some(first) = frames.first() else {
@@ -279,6 +269,18 @@ impl RecordingSource {
         let [Some(left), Some(right)] = found else { return Ok(None) };
         Ok(Some([left, right]))
     }
+}
+
+/// Why a file without topics of images has no pairs.
+fn without_images(index: &Index) -> String {
+    if index.cut.is_some() && index.channels().next().is_none() {
+        return "no pairs of images: the file is truncated before the end of its first chunk: copy it again"
+            .into();
+    }
+    let there = topics(index);
+    format!(
+        "no pairs of images: two image topics are needed whose names differ by left and right; the file has {there}"
+    )
 }
 
 /// The topics of a file, for a message; of many the first.

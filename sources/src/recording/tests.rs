@@ -271,6 +271,13 @@ fn what_is_not_understood_is_named() {
         source.read(last, &mut left, &mut right).err().map(|e| e.to_string()).unwrap_or_default()
     };
     let image = |encoding: &str, data: usize| CdrWriter::image(encoding, 3, 2, 3, &vec![7; data]);
+    let whole = error(&[(LEFT, "Image", 0, image("mono8", 6)), (RIGHT, "Image", 0, image("mono8", 6))]);
+    assert_eq!(whole, "");
+    let bytes = std::fs::read(folder.path().join("a.mcap")).unwrap();
+    let truncated = folder.path().join("truncated.mcap");
+    std::fs::write(&truncated, &bytes[..60]).unwrap();
+    let truncated = RecordingSource::open(&truncated).map(|_| ()).unwrap_err().to_string();
+    assert!(truncated.contains("truncated before the end of its first chunk"), "{truncated}");
     let alone = error(&[(LEFT, "Image", 0, image("mono8", 6))]);
     assert!(alone.contains("a.mcap: no pairs of images") && alone.contains(LEFT), "{alone}");
     let pair = |left: Vec<u8>, right: Vec<u8>| error(&[(LEFT, "Image", 0, left), (RIGHT, "Image", 0, right)]);

@@ -34,9 +34,10 @@ pub fn disparity(disparity: &[u16], width: usize, height: usize, max_px: f32) ->
 
 /// Height of [`scale`], in px.
 pub const SCALE_HEIGHT: usize = 32;
-/// Disparities that a scale tells, in px, and the least distance between two of them, in columns.
-const TOLD_PX: [u16; 9] = [1, 2, 4, 8, 16, 32, 64, 128, 255];
-const TOLD_APART: f32 = 48.0;
+/// Disparities that a scale names, in px.
+const NAMED_PX: [u16; 8] = [1, 2, 4, 8, 16, 32, 64, 128];
+/// Least distance between the left ends of two names, in columns.
+const NAME_COLUMNS: f32 = 48.0;
 
 /// The colours of [`disparity`] with their values, to append below a map of `width` columns.
 pub fn scale(width: usize, max_px: f32) -> Picture {
@@ -47,15 +48,18 @@ pub fn scale(width: usize, max_px: f32) -> Picture {
     for (x, colour) in row.enumerate() {
         picture.fill([x as i32, 2, 1, 12], colour);
     }
+    let last = width as f32 - NAME_COLUMNS;
     let mut free = 0.0;
-    for px in TOLD_PX.into_iter().filter(|px| f32::from(*px) <= max_px) {
-        let x = (f32::from(px) / max_px).sqrt() * (width as f32 - 1.0);
-        // The last one ends with the picture.
-        let left = x.min(width as f32 - TOLD_APART);
-        if left >= free {
+    let named = NAMED_PX.into_iter().filter(|px| f32::from(*px) < max_px);
+    for px in named.map(f32::from).chain([max_px]) {
+        let x = (px / max_px).sqrt() * (width as f32 - 1.0);
+        // The largest ends with the picture, and none overlaps it.
+        let left = x.min(last);
+        let fits = px == max_px || left + NAME_COLUMNS <= last;
+        if left >= free && fits {
             picture.fill([x as i32, 2, 1, 14], [255, 255, 255]);
-            picture.text(&format!("{px} px"), left as i32, 17, [240, 240, 240]);
-            free = left + TOLD_APART;
+            picture.text(&format!("{px:.0} px"), left as i32, 17, [240, 240, 240]);
+            free = left + NAME_COLUMNS;
         }
     }
     picture
@@ -73,6 +77,10 @@ mod tests {
         // A quarter of the largest disparity is in the middle, with a mark.
         let middle = disparity(&[16 * 256], 1, 1, max_px).at(0, 0);
         assert_eq!((scale.at(198, 8), scale.at(199, 8)), (rainbow(198.0 / 399.0), [255; 3]));
+        // The largest one is named at the end, also where it is no power of two.
+        for max_px in [64.0, 100.0] {
+            assert_eq!(super::scale(width, max_px).at(399, 8), [255; 3]);
+        }
         let far = |a: [u8; 3], b: [u8; 3]| (0..3).any(|c| a[c].abs_diff(b[c]) > 3);
         assert!(!far(scale.at(200, 8), middle) && far(scale.at(20, 8), middle));
         // Too narrow for values.

@@ -19,6 +19,8 @@ const MAX_UNCONFIRMED_M: f64 = 20.0;
 /// Number of nearest obstacles with their whole label; farther ones have the distance alone.
 const MAX_WHOLE_LABELS: usize = 6;
 
+/// Left end of the legend.
+const LEGEND_LEFT_PX: i32 = 6;
 /// Rows of the lowest picture with a legend, in px.
 const MIN_LEGEND_ROWS: i32 = 136;
 
@@ -195,20 +197,29 @@ fn texts(o: &ObstacleLine) -> [String; 2] {
 
 /// The colours and their meaning in the last row above the `margin`, where the picture is wide enough.
 fn draw_legend(picture: &mut Picture, margin: i32) {
-    let (character, line) = TEXT_PX;
-    let dashed = ("dashed: predicted", PLAIN);
-    let long = |text: &str| (text.len() as i32 + 1) * character;
-    let words = LEGEND.into_iter().chain([dashed]);
-    let total: i32 = words.clone().map(|(text, _)| long(text)).sum();
+    let line = TEXT_PX.1;
     let (width, height) = (picture.width() as i32, picture.height() as i32);
-    if total > width - margin || height < MIN_LEGEND_ROWS {
+    if legend_width_px() > width - margin || height < MIN_LEGEND_ROWS {
         return;
     }
-    let mut x = 6;
-    for (text, colour) in words {
+    let mut x = LEGEND_LEFT_PX;
+    for (text, colour) in legend() {
         picture.text(text, x, height - line - margin, colour);
-        x += long(text);
+        x += legend_word_px(text);
     }
+}
+
+fn legend() -> impl Iterator<Item = (&'static str, Colour)> {
+    LEGEND.into_iter().chain([("dashed: predicted", PLAIN)])
+}
+
+/// Width of a word of the legend with the space behind it.
+fn legend_word_px(text: &str) -> i32 {
+    (text.len() as i32 + 1) * TEXT_PX.0
+}
+
+fn legend_width_px() -> i32 {
+    LEGEND_LEFT_PX + legend().map(|(text, _)| legend_word_px(text)).sum::<i32>()
 }
 
 /// Tints the inside of a polygon (column, row) by the rule of even and odd crossings.
@@ -236,6 +247,11 @@ mod tests {
     use super::*;
     use crate::reporting::palette::CONFIRMED;
     use crate::reporting::record::AlarmLine;
+
+    #[test]
+    fn pictures_of_640_px_have_a_legend_also_within_the_frame_of_an_alarm() {
+        assert!(legend_width_px() <= 640 - i32::from(ALARM_FRAME_PX), "{}", legend_width_px());
+    }
 
     #[test]
     fn boxes_road_and_alarm_are_where_they_belong() {

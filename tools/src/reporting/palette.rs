@@ -20,9 +20,9 @@ pub const ROAD_EDGE: Colour = [250, 230, 60];
 /// Text without a meaning of its own.
 pub const PLAIN: Colour = [240, 240, 240];
 
-/// The legend: words and their colours.
+/// The legend: words and their colours. The cause is that of the warning or the alarm.
 pub const LEGEND: [(&str, Colour); 7] = [
-    ("cause of warning or alarm", CAUSE),
+    ("cause", CAUSE),
     ("confirmed", CONFIRMED),
     ("unconfirmed", UNCONFIRMED),
     ("path", PATH),

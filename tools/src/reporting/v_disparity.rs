@@ -8,6 +8,10 @@ use perception::stereo::DisparityView;
 const MARKS_PX: usize = 16;
 const MARKS_ROWS: usize = 100;
 
+/// What the picture shows, in lines that fit into the picture from 64 disparities on.
+const TITLE: [&str; 2] = ["row by disparity in px", "red: road profile"];
+const TITLE_LEFT_PX: i32 = 70;
+
 /// Draws counts in grey (logarithmic scale) and the road profile in red. One column per bin of 1/4 px, one row
 /// per image row; marks tell disparities and rows.
 pub fn draw(histogram: &VDisparity, profile_px: &[f32]) -> Picture {
@@ -23,7 +27,9 @@ pub fn draw(histogram: &VDisparity, profile_px: &[f32]) -> Picture {
         }
     }
     let (ink, bottom) = ([240, 240, 240], height as i32);
-    picture.text("rows of the image by disparity in px, red = road", 70, 4, ink);
+    for (i, line) in TITLE.into_iter().enumerate() {
+        picture.text(line, TITLE_LEFT_PX, 4 + 14 * i as i32, ink);
+    }
     for px in (MARKS_PX..width / BINS_PER_PX).step_by(MARKS_PX) {
         let x = (px * BINS_PER_PX) as i32;
         picture.fill([x, bottom - 4, 1, 4], ink);
@@ -75,6 +81,12 @@ mod tests {
         assert!(picture.at(25, 25)[0] > 100);
         let [r, g, _] = picture.at(12, 30);
         assert!(r > 200 && g < 60);
+    }
+
+    #[test]
+    fn the_title_fits_64_disparities() {
+        let widest = TITLE.into_iter().map(str::len).max().unwrap_or(0) as i32 * 7;
+        assert!(TITLE_LEFT_PX + widest <= 64 * BINS_PER_PX as i32, "{widest}");
     }
 
     #[test]

@@ -164,6 +164,14 @@ impl From<CropChoice> for Crop {
     }
 }
 
+/// Width and height of a picture in px, as in `640x480`.
+///
+/// # Errors
+/// Describes the format.
+pub fn picture_size(text: &str) -> Result<(usize, usize), String> {
+    pair(text).map_err(|_| "give width and height in pixels, for example 640x480".into())
+}
+
 /// Two whole numbers, as in `9x6`.
 ///
 /// # Errors

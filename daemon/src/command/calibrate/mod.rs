@@ -4,7 +4,7 @@ mod arguments;
 mod drive;
 mod live;
 
-pub use arguments::{Calibrate, CropArgs, HELP, USAGE, pair};
+pub use arguments::{Calibrate, CropArgs, HELP, USAGE, pair, picture_size};
 
 use crate::command::console::{progress, say};
 use crate::command::error::CommandError;

@@ -8,16 +8,18 @@ use config::Config;
 const AREA: &str = "files";
 
 pub fn findings(config: &Config) -> Vec<Finding> {
-    let remedy = "lookout check-config FILE tells the line; then correct it there";
+    let remedy = "correct it; of a file of configuration lookout check-config FILE tells the line";
     let (_, wrong) = check_config::wrong(config);
-    let mut all: Vec<Finding> =
-        wrong.into_iter().map(|(_, text)| Finding::problem(AREA, text, remedy)).collect();
+    // Cameras are an area of their own.
+    let files = wrong.into_iter().filter(|(key, _)| *key != "camera.right");
+    let mut all: Vec<Finding> = files.map(|(_, text)| Finding::problem(AREA, text, remedy)).collect();
     if !check_config::has_rig(config) {
-        let remedy = "lookout calibrate --live camera writes one; docs/calibration.md";
-        all.push(Finding::problem(AREA, InputError::NoRigOfCameras.to_string(), remedy));
+        // As check-config has it: calibration comes after the first look at the cameras.
+        let remedy = "lookout calibrate --live camera writes one, docs/calibration.md; until then lookout run refuses to start";
+        all.push(Finding::note(AREA, InputError::NoRigOfCameras.to_string(), remedy));
     }
     if all.is_empty() {
-        all.push(Finding::good(AREA, "all that the configuration names are there and fit"));
+        all.push(Finding::good(AREA, "all files that the configuration names exist and fit"));
     }
     all
 }

@@ -18,7 +18,7 @@ use std::path::Path;
 /// Text below the options of `--help`.
 pub const HELP: &str = "Examples:
   lookout doctor
-  lookout doctor -c /etc/lookout/lookout.toml     also whether the files and cameras that it names are there
+  lookout doctor -c /etc/lookout/lookout.toml     also the files and cameras that it names
   sudo -u lookout lookout doctor                  as the service's user, with its permissions
   lookout doctor --json | jq '.findings[] | select(.level == \"problem\")'
 

@@ -57,8 +57,8 @@ The table has a row for each figure. judged: frames of which the path ahead is k
 obstacles in the strip that are not judged; false or moving: both, which is what false counted before.
 life: time after which half of the confirmed tracks were lost in view (Kaplan and Meier; what left what
 both cameras see or the range, went behind something much nearer, is told as a boundary now, or is there
-at the end tells only that it lived so long; > is a lower limit); the row below counts what is hidden or
-told as a boundary as lost. jumps of width: between consecutive measured boxes. not called free: of the
+at the end tells only that it lived so long; > is a lower limit); strict: what is hidden or told as a
+boundary counts as lost. jumps of width: of pairs of consecutive measured boxes. not called free: of the
 driven strip up to 15 m ahead; what drove there counts. docs/drives.md has more.
 
 --out writes index.html, one file with time lines and pictures before, at and after each false warning,

@@ -36,10 +36,10 @@ with the same scene without faults.
 
 seconds: time that passes on the source's clock, with all gaps; --duration limits it. true alarms:
 in each of their frames, or at most the hold time (alarm.hold_ms) and 0.5 s before it, or 0.24 s after
-it, an obstacle in the path is nearer than the limits of the alarm (with 15 % or 1 m of tolerance). false
-alarms: all others, unless the same scene has one at that place without faults. due: stretches of more than
-16 normal frames with an obstacle nearer than alarm.distance_m for which the same scene raises the alarm
-without faults; missed: those whose alarm was not on from the 17th frame to the last.
+it, an obstacle in the path is nearer than the limits of the alarm (with 15 % or 1 m of tolerance).
+false alarms: all others, unless the same scene has one at that place without faults. due: stretches of
+more than 16 normal frames with an obstacle nearer than alarm.distance_m for which the same scene raises
+the alarm without faults; missed: those whose alarm was not on from the 17th frame to the last.
 
 --regular-stamps hides the faults from the stages: each frame is stamped one period after the one
 before, as by a source without a clock. The evaluation then shows what goes wrong when a gap is not known.

@@ -194,6 +194,8 @@ mod tests {
             assert!(html.contains(part), "{part}: {html}");
         }
         assert_eq!((html.matches("<img src=\"data:").count(), html.matches("<rect").count()), (3, 4));
+        assert!(html.contains("<tr><td>frames<td>5</tr>"), "{html}");
+        assert!(FIGURES.iter().all(|figure| html.contains(figure)));
         // Two ticks below the bar; no file is needed.
         assert_eq!(html.matches("stroke=\"#b02ad0\"").count(), 2);
         assert!(!html.contains("http") && !html.contains("NaN"), "{html}");

@@ -1,4 +1,4 @@
-//! Result of an evaluation of drives: a row for each recording and the total, as text and as JSON.
+//! Result of an evaluation of drives: a column for each recording and for all together, as text and as JSON.
 
 use super::event::Event;
 use super::score::{DriveScore, Tally};
@@ -62,8 +62,8 @@ pub const FIGURES: [&str; 19] = [
     "obstacles in the strip that move along",
     "obstacles in the strip, false or moving",
     "life of tracks in view, median, s",
-    "the same, hidden or a boundary is lost",
-    "jumps of width above 30 %, % of boxes",
+    "life, strict: hidden or boundary is lost, s",
+    "jumps of width above 30 %, % of pairs",
     "predicted boxes, %",
     "driven strip not called free, %",
 ];

@@ -4,7 +4,7 @@ use crate::reporting::labels::{self, Area, Setting, Wanted};
 use crate::reporting::palette::{
     BOUNDARY, CAUSE, FREE, LEGEND, PATH, PLAIN, ROAD_EDGE, UNCONFIRMED, is_cause, of_obstacle,
 };
-use crate::reporting::picture::{Picture, TEXT_PX};
+use crate::reporting::picture::{Colour, Picture, TEXT_PX};
 use crate::reporting::record::{FrameRecord, ObstacleLine};
 use crate::reporting::space::polygon_in_image;
 use perception::rig::Rig;

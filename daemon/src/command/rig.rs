@@ -1,6 +1,6 @@
 //! `lookout rig`: shows a calibration, or writes it in another format.
 
-use crate::command::calibrate::{CropArgs, pair};
+use crate::command::calibrate::{CropArgs, picture_size};
 use crate::command::console::say;
 use crate::command::error::CommandError;
 use clap::{Args, ValueEnum};

@@ -35,7 +35,7 @@ mod tests {
     }
 
     #[test]
-    fn what_run_would_refuse_is_a_problem() {
+    fn what_run_would_refuse_is_told() {
         assert!(levels("").iter().all(|(level, _)| *level == Level::Good));
         let missing = levels("[source]\nkind = \"folder\"\npath = \"nowhere\"\nrig = \"no.toml\"\n");
         let told =
@@ -43,9 +43,7 @@ mod tests {
         assert!(told("nowhere") && told("no.toml"), "{missing:?}");
         let cameras = levels("[source]\nkind = \"camera\"\n");
         assert!(
-            cameras
-                .iter()
-                .any(|(level, text)| *level == Level::Problem && text.contains("source.rig is empty")),
+            cameras.iter().any(|(level, text)| *level == Level::Note && text.contains("source.rig is empty")),
             "{cameras:?}"
         );
     }

@@ -74,7 +74,8 @@ fn mistakes_are_told_before_the_run() {
     let error = bench.fails(&["evaluate", "ncap", "--rows", "CCRx"]);
     assert!(error.contains("--rows CCRx: no such row in 2026") && error.contains("CPNCO"), "{error}");
     let error = bench.fails(&["evaluate", "ncap", "--rows", "CCRs", "--speeds", "77"]);
-    assert!(error.contains("none of the rows has any of these speeds"), "{error}");
+    assert!(error.contains("none of the tests has any of these speeds: give some of"), "{error}");
+    assert!(error.contains(" 20, ") && !error.contains("77"), "{error}");
     for wrong in [
         &["--year", "2020"][..],
         &["--rig", "none"],

@@ -58,7 +58,7 @@ pub struct EvaluateNcap {
     /// Tests, by the names of the rows of the table, such as CCRs,CPNA (all names are below) [default: all]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub rows: Vec<String>,
-    /// Own speeds in km/h, of those of the tests: multiples of 5, most from 10 to 80 [default: all]
+    /// Own speeds in km/h, of those of the tests, such as 20,40 [default: all]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub speeds: Vec<f64>,
     /// Only the nominal place of impact of each row
@@ -141,7 +141,15 @@ fn cases(args: &EvaluateNcap) -> Result<Vec<Case>, CommandError> {
     };
     let cases: Vec<Case> = selection.cases().into_iter().filter(is_wanted).collect();
     if cases.is_empty() {
-        return Err(CommandError::Other("--speeds: none of the rows has any of these speeds".into()));
+        let all = Selection { speeds_km_h: Vec::new(), ..selection };
+        let mut speeds: Vec<f64> = all.cases().iter().map(|case| case.own_km_h).collect();
+        speeds.sort_by(f64::total_cmp);
+        speeds.dedup();
+        let speeds: Vec<String> = speeds.iter().map(f64::to_string).collect();
+        return Err(CommandError::Other(format!(
+            "--speeds: none of the tests has any of these speeds: give some of {} km/h",
+            speeds.join(", ")
+        )));
     }
     Ok(cases)
 }
